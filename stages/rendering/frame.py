@@ -14,7 +14,7 @@ from posegaussian.stages.depth.algorithms.pose_prior import limbs_of
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.rendering.clipping import UNSURE, cover, retouched
 from posegaussian.stages.rendering.closing import Body, closed
-from posegaussian.stages.rendering.evening import outlines_for
+from posegaussian.stages.rendering.evening import outlines_for, part_around
 from posegaussian.stages.rendering.facts import (
     ANTI_ALIASING,
     HOLE_FILLING,
@@ -120,6 +120,7 @@ class FrameRenderer:
         self.sureness = reader.sureness(i) if POSE_BLENDING in self.facts else None
         self.body = self._body(self.silhouettes) if SURFACE_CLOSING in self.facts else None
         self._lifted: dict[tuple[int, bool], Lifted] = {}
+        self._refined: Gaussians | None = None
         self._photos: dict[int, Photo] = {}
 
     def picture(self, camera: Camera) -> tuple[torch.Tensor, torch.Tensor, int] | None:
@@ -148,12 +149,14 @@ class FrameRenderer:
         for view in views:
             self._prepare(view, refined)
         if refined:
-            parts = [self._lifted[v, True].from_all_sides() for v in views]
+            gaussians = self._from_all_sides(views)
         else:
             limit = reach(angles, self.usable, self.params.sources)
-            parts = [self._seen(camera, view, weight, views, limit) for view, weight in chosen]
+            gaussians = Gaussians.concatenate(
+                [self._seen(camera, view, weight, views, limit) for view, weight in chosen]
+            )
         cutoffs = mip_filter(camera, self.rig, views, self.reader.subject) if ANTI_ALIASING in self.facts else Cutoffs()
-        picture = rasterize(Gaussians.concatenate(parts), [camera], drawing=Drawing(cutoffs))
+        picture = rasterize(gaussians, [camera], drawing=Drawing(cutoffs))
         masked = picture.masked[0] + sum(self._lifted[v, refined].masked for v in views)
         return picture.color[0], picture.alpha[0], masked
 
@@ -200,6 +203,12 @@ class FrameRenderer:
         if VIEW_DEPENDENT_COLOR in self.facts and not refined:
             self._photos[view] = Photo.of(*posed, DTYPES[self.params.precision], device())
 
+    def _from_all_sides(self, views: list[int]) -> Gaussians:
+        """The refined Gaussians of all usable views, which every picture of the frame shows alike."""
+        if self._refined is None:
+            self._refined = Gaussians.concatenate([self._lifted[v, True].from_all_sides() for v in views])
+        return self._refined
+
     def _seen(self, camera: Camera, view: int, weight: float, views: list[int], limit: float) -> Gaussians:
         """One view's Gaussians as the camera sees them; `limit` rad is the angle at which a view has no say."""
         lifted = self._lifted[view, False]
@@ -220,8 +229,11 @@ def mixed(unrefined: Picture, refined: Picture, share: float, fade: float) -> Pi
     """`share` 0..1 of the refined picture where it has faded in, `fade` 1. Where it has not, 0, it lies behind the
     other: what the nearest view leaves transparent because a neighbour is to draw it, which has itself faded out there.
     """
-    (color, alpha), (behind, behind_alpha) = unrefined, refined
+    whole = torch.zeros_like(unrefined[0]), torch.zeros_like(unrefined[1])
+    part = part_around(((unrefined[1] > 0) | (refined[1] > 0)).cpu().numpy(), 0)
+    (color, alpha), (behind, behind_alpha) = ((p[0][part], p[1][part]) for p in (unrefined, refined))
     left = (1 - fade) * (1 - alpha)
     color, alpha = color + left[..., None] * behind, alpha + left * behind_alpha
     s = share * fade
-    return s * behind + (1 - s) * color, s * behind_alpha + (1 - s) * alpha
+    whole[0][part], whole[1][part] = s * behind + (1 - s) * color, s * behind_alpha + (1 - s) * alpha
+    return whole

@@ -72,6 +72,8 @@ class Lifted:
 class Pixels:
     """Which pixels of one source view make a Gaussian, and where they look."""
 
+    index: torch.Tensor  # [N]
+    """Row times the view's width, and column."""
     rows: torch.Tensor  # [N]
     columns: torch.Tensor  # [N]
     x: torch.Tensor  # [N]
@@ -86,15 +88,18 @@ class Pixels:
     def of(
         cls, depth: torch.Tensor, face_on: torch.Tensor, intrinsics: np.ndarray, world_to_camera: np.ndarray
     ) -> Pixels:
-        """Those with depth [h, w] m, finite and in front of the camera, and some opacity [h, w]. intrinsics [3, 3]
-        px in our pixel centres; world_to_camera [4, 4]."""
-        usable = torch.isfinite(depth) & (depth > 0) & (face_on > 0)
-        masked = int((~usable & ~(depth <= 0) & ~(face_on <= 0)).sum())
-        rows, columns = torch.nonzero(usable, as_tuple=True)
+        """Those with depth [h, w] m, finite and in front of the camera, and some opacity [h, w], of whatever dtype.
+        intrinsics [3, 3] px in our pixel centres; world_to_camera [4, 4]."""
+        index = torch.nonzero((_positive(depth) & _positive(face_on)).reshape(-1))[:, 0]
+        finite = torch.isfinite(depth.detach().reshape(-1)[index])
+        # Not a number is in no relation to 0, and counted where the other of the two is there or is none either.
+        masked = int((~finite).sum()) + _not_numbers(depth, face_on)
+        index = index if finite.all() else index[finite]
+        rows, columns = index // depth.shape[1], index % depth.shape[1]
         k, centre = intrinsics.tolist(), float(points_from_integer_centres(np.zeros(())))
         y = (rows.to(depth.dtype) + (centre - k[1][2])) / k[1][1]
         x = (columns.to(depth.dtype) + (centre - k[0][2]) - k[0][1] * y) / k[0][0]
-        return cls(rows, columns, x, y, world_to_camera.tolist(), masked)
+        return cls(index, rows, columns, x, y, world_to_camera.tolist(), masked)
 
     @classmethod
     def joined(cls, parts: Sequence[Pixels]) -> Pixels:
@@ -103,19 +108,22 @@ class Pixels:
             [torch.cat([p.x.new_full((len(p),), float(p.pose[i][j])) for p in parts]) for j in range(4)]
             for i in range(3)
         ]
-        rows, columns, x, y = (torch.cat([getattr(p, name) for p in parts]) for name in ("rows", "columns", "x", "y"))
-        return cls(rows, columns, x, y, pose, sum(p.masked for p in parts))
+        index, rows, columns, x, y = (
+            torch.cat([getattr(p, name) for p in parts]) for name in ("index", "rows", "columns", "x", "y")
+        )
+        return cls(index, rows, columns, x, y, pose, sum(p.masked for p in parts))
 
     def __len__(self) -> int:
         return len(self.x)
 
     def at(self, values: Values) -> tuple[torch.Tensor, ...]:
         """Channels of maps [C, h, w] at the pixels, C x [N], in the dtype and on the device of the rays."""
-        return tuple(torch.as_tensor(values).to(self.x.device)[:, self.rows, self.columns].to(self.x.dtype))
+        flat = torch.as_tensor(values).to(self.x.device).flatten(1)
+        return tuple(flat.index_select(1, self.index).to(self.x.dtype))
 
     def colors(self, values: Values) -> torch.Tensor:
         """[N, 3] sRGB 0..1 of a picture [h, w, 3], uint8 or sRGB 0..1."""
-        color = torch.as_tensor(values).to(self.x.device)[self.rows, self.columns]
+        color = torch.as_tensor(values).to(self.x.device).flatten(0, 1).index_select(0, self.index)
         return color.to(self.x.dtype) / 255 if color.dtype == torch.uint8 else color.to(self.x.dtype)
 
     def lift(
@@ -149,7 +157,7 @@ def lift(
     masks what else is not finite. Nothing but sums, products, quotients and square roots of single elements is taken,
     so the result does not depend on the number of threads.
     """
-    depth, opacity = (torch.as_tensor(v).to(device, dtype) for v in (maps.depth, maps.opacity))
+    depth, opacity = torch.as_tensor(maps.depth).to(device, dtype), torch.as_tensor(maps.opacity).to(device)
     pixels = Pixels.of(depth, opacity[0], intrinsics, world_to_camera)
     (z,) = pixels.at(depth[None])
     return pixels.lift(
@@ -160,6 +168,22 @@ def lift(
         pixels.colors(maps.color),
         None if maps.twist is None else pixels.at(maps.twist),
     )
+
+
+def _positive(values: torch.Tensor) -> torch.Tensor:
+    """[h, w] bool: what is larger than 0. On the CPU NumPy compares float32 seven times as fast as torch."""
+    if values.device.type != "cpu":
+        return values > 0
+    return torch.from_numpy((values.detach().float() if values.dtype == torch.float16 else values.detach()).numpy() > 0)
+
+
+def _not_numbers(depth: torch.Tensor, face_on: torch.Tensor) -> int:
+    """Pixels of which depth or opacity [h, w] is no number, and the other is not there to say that there is nothing."""
+    depth, face_on = depth.detach(), face_on.detach()
+    if not torch.isnan(depth.sum() + face_on.sum()):
+        return 0
+    lacking = torch.isnan(depth) | torch.isnan(face_on)
+    return int((lacking & ~(depth <= 0) & ~(face_on <= 0)).sum())
 
 
 def _turned(across: tuple[Axis, Axis], cosine: torch.Tensor, sine: torch.Tensor) -> tuple[Axis, Axis]:

@@ -95,7 +95,7 @@ def unexplained(rig: Rig, view: int, mask: np.ndarray, silhouettes: Silhouettes)
     others = np.array([i for i, v in enumerate(silhouettes.views) if v != view], np.int64)
     s = silhouettes
     # Most rays are explained by all, which the hull's march, from silhouette to silhouette, finds ten times sooner.
-    by_all = s.kept({*s.views} - {view}).ends(origin, directions, (TOLERANCE, TOLERANCE), votes=False)[:, 1] > 0
+    by_all = s.met(origin, directions, TOLERANCE, without=view)
     found = np.ones((len(directions), len(s.views) + 1), bool)
     found[~by_all] = _explained(
         origin,

@@ -143,7 +143,8 @@ def _covered_around(
     """As `covered_around`; `step` metres."""
     count = projections.shape[0]
     found, at = np.zeros(len(directions), np.bool_), np.full(len(directions), -1.0)
-    start, along, order = np.empty((count, 3)), np.empty((count, 3)), np.arange(count)
+    start, along = np.empty((count, 3)), np.empty((count, 3))
+    every, order = np.arange(count), np.arange(count)
     for n in range(len(directions)):
         d = directions[n]
         into_views(origin, d, projections, start, along)
@@ -151,7 +152,7 @@ def _covered_around(
         first, last = in_sphere(origin - centre, d, max(radius - last * around - step, 0.0))
         if first >= last:
             continue
-        z, last = clip_ray(start, along, boxes, sizes, first, last)
+        z, last = clip_ray(start, along, boxes, sizes, every, first, last)
         length = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
         best = -np.inf
         for _ in range(TRIES):
@@ -187,7 +188,8 @@ def _coverage(
     """As `coverage`; `step` metres."""
     count = projections.shape[0]
     out = np.zeros(len(directions), np.float32)
-    start, along, order = np.empty((count, 3)), np.empty((count, 3)), np.arange(count)
+    start, along = np.empty((count, 3)), np.empty((count, 3))
+    every, order = np.arange(count), np.arange(count)
     for n in range(len(directions)):
         d = directions[n]
         into_views(origin, d, projections, start, along)
@@ -197,7 +199,7 @@ def _coverage(
         for v in range(count):
             order[v] = v  # a ray's points must not depend on the rays before it
         first, last = in_sphere(origin - centre, d, radius)
-        z, last = clip_ray(start, along, boxes, sizes, first, last) if first < last else (first, last)
+        z, last = clip_ray(start, along, boxes, sizes, every, first, last) if first < last else (first, last)
         length = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
         best = 0.0
         for _ in range(int(MOST_POINTS / FINE)):  # a step that is lost in z's rounding would never end

@@ -22,11 +22,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-import cv2
 import numpy as np
 from numba import njit
 
 from posegaussian.stages.geometry.projection import rays
+from posegaussian.stages.silhouettes.distance import box, distance_to_foreground, within
 from posegaussian.storage.model.cameras import Rig, points_from_integer_centres, to_integer_centres
 from posegaussian.storage.model.masks import foreground
 
@@ -38,8 +38,6 @@ TOLERANCE = (0.0, 1.5)
 """Px a point may lie outside another view's silhouette; the second value only for rays without a hull at the first."""
 OUTVOTED = 4
 """Other views, at least, of which one may be overruled for a ray that has no hull otherwise."""
-FARTHEST = 64.0
-"""Px outside a silhouette that are told apart."""
 BISECTIONS = 4
 """Halvings of the last step: a sixteenth of a pixel."""
 MOST_POINTS = 2**15
@@ -61,7 +59,7 @@ class Silhouettes:
     views: tuple[int, ...]
     """S views with some foreground."""
     distance: np.ndarray
-    """[S, h, w] float32: px outside the silhouette, see `_distance_to_foreground`."""
+    """[S, h, w] float32: px outside the silhouette, see `distance_to_foreground`."""
     projections: np.ndarray
     """[S, 3, 4] world metres to homogeneous px, integer centres."""
     boxes: np.ndarray
@@ -94,11 +92,11 @@ class Silhouettes:
         views = [v for v in sorted(masks) if foreground(masks[v][: rig.size[v, 1], : rig.size[v, 0]]).any()]
         shape = next((m.shape for m in masks.values()), (0, 0))
         distance = (
-            np.stack([_distance_to_foreground(masks[v], rig.size[v]) for v in views])
+            np.stack([distance_to_foreground(masks[v], rig.size[v]) for v in views])
             if views
             else np.zeros((0, *shape), np.float32)
         )
-        boxes = np.array([_box(masks[v], rig.size[v], tolerance) for v in views]).reshape(-1, 4)
+        boxes = np.array([box(masks[v], rig.size[v], tolerance) for v in views]).reshape(-1, 4)
         pixels = np.linalg.norm(rig.centres[views] - centre, axis=1) / rig.intrinsics[views, 0, 0]
         projections = to_integer_centres(rig.intrinsics[views]) @ rig.world_to_camera[views, :3]
         return cls(
@@ -117,22 +115,21 @@ class Silhouettes:
     def pixel(self) -> float:
         """Metres from one point of a ray to the next: a px at the centre of the sharpest view, or more where the
         sphere would take more than `MOST_POINTS`."""
-        return max(float(self.pixels.min()), 2 * self.radius / MOST_POINTS)
+        return self._pixel_among(np.arange(len(self.views)))
+
+    def _pixel_among(self, among: np.ndarray) -> float:
+        """The same of those of some views alone."""
+        return max(float(self.pixels[among].min()), 2 * self.radius / MOST_POINTS)
+
+    def _but(self, without: int | None) -> np.ndarray:
+        """Indices of the silhouettes but that of a view, whether it has one or not."""
+        return np.array([i for i, v in enumerate(self.views) if v != without], np.int64)
 
     @cached_property
     def whole(self) -> np.ndarray:
-        """[S, h, w] float32: px by which a pixel lies within the part of a mask that carves nothing off it; beside it,
-        as far as it lies outside the silhouette, negative."""
-        out = -0.5 - self.distance
-        for near, beside_it in zip(out, self.distance, strict=True):
-            inside = beside_it <= -0.5
-            rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
-            if len(rows):
-                # one px around it is not inside, where there is any
-                part = tuple(slice(max(int(n[0]) - 1, 0), int(n[-1]) + 2) for n in (rows, columns))
-                depth = cv2.distanceTransform(inside[part].astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-                near[part] = np.where(inside[part], np.minimum(depth, FARTHEST), near[part])
-        return out
+        """[S, h, w] float32: px by which a pixel lies, at least, within the part of a mask that carves nothing off it;
+        beside it, as far as it lies outside the silhouette, negative."""
+        return within(self.distance)
 
     def wider(self, px: float) -> Silhouettes:
         """The same, each wider by some px of its own picture."""
@@ -158,18 +155,40 @@ class Silhouettes:
         return replace(self, views=(*self.views, *other.views), **parts)
 
     def ends(
-        self, origin: np.ndarray, directions: np.ndarray, tolerance: tuple[float, float] = TOLERANCE, votes: bool = True
+        self,
+        origin: np.ndarray,
+        directions: np.ndarray,
+        tolerance: tuple[float, float] = TOLERANCE,
+        votes: bool = True,
+        without: int | None = None,
     ) -> np.ndarray:
         """[N, 2] depth at which rays origin [3] + depth * directions [N, 3] enter and leave the hull, 0 where they miss
         it.
 
-        Rays that miss it are tried again with the second tolerance, px, then, with `votes`, against one view.
+        Rays that miss it are tried again with the second tolerance, px, then, with `votes`, against one view. The hull
+        is that of the views but the one `without` which it is asked for.
         """
-        out = np.zeros((len(directions), 2))
-        if self.views and len(directions):
-            tries = [(t, 0) for t in dict.fromkeys(tolerance)] + (
-                [(tolerance[1], 1)] if votes and len(self.views) >= OUTVOTED else []
-            )
+        tries = [(t, 0) for t in dict.fromkeys(tolerance)]
+        if votes and len(self._but(without)) >= OUTVOTED:
+            tries.append((tolerance[1], 1))
+        return self._marched(origin, directions, tries, without, True)
+
+    def met(self, origin: np.ndarray, directions: np.ndarray, tolerance: float, without: int | None) -> np.ndarray:
+        """[N] bool: which rays origin [3] + depth * directions [N, 3] the hull of the views but one leaves something
+        of; `tolerance` px beyond the silhouettes."""
+        return self._marched(origin, directions, [(tolerance, 0)], without, False)[:, 0] > 0
+
+    def _marched(
+        self,
+        origin: np.ndarray,
+        directions: np.ndarray,
+        tries: list[tuple[float, int]],
+        without: int | None,
+        far: bool,
+    ) -> np.ndarray:
+        """[N, 2] as `_march` finds it."""
+        out, among = np.zeros((len(directions), 2)), self._but(without)
+        if len(among) and len(directions):
             _march(
                 origin,
                 directions,
@@ -180,8 +199,10 @@ class Silhouettes:
                 self.focals,
                 self.centre,
                 self.radius,
-                self.pixel,
+                self._pixel_among(among),
                 tries,
+                among,
+                far,
                 out,
             )
         return out
@@ -208,38 +229,8 @@ def visual_hull(
     origin, directions = rays(
         points_from_integer_centres(np.stack([columns, rows], axis=-1)), rig.intrinsics[view], rig.world_to_camera[view]
     )
-    near[rows, columns], far[rows, columns] = (
-        silhouettes.kept({*silhouettes.views} - {view}).ends(origin, directions, tolerance, votes).T
-    )
+    near[rows, columns], far[rows, columns] = silhouettes.ends(origin, directions, tolerance, votes, without=view).T
     return near, far
-
-
-def _distance_to_foreground(mask: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """[h, w] float32: px by which a pixel lies outside the silhouette, sub-pixel from the soft edge, saturated;
-    inside <= 0."""
-    soft = mask[: size[1], : size[0]]
-    inside = foreground(soft)
-    steps = cv2.distanceTransform((~inside).astype(np.uint8), cv2.DIST_L2, 3)
-    out = np.full(mask.shape, FARTHEST, np.float32)
-    # Around the edge the covered share itself says where the silhouette runs: share 1/2 at distance 0.
-    edge = 0.5 - soft.astype(np.float32) / 255
-    out[: size[1], : size[0]] = np.minimum(
-        np.where(
-            inside, np.minimum(edge, 0), np.where(soft > 0, np.minimum(edge, steps), np.maximum(steps - 0.5, 0.5))
-        ),
-        FARTHEST,
-    )
-    return out
-
-
-def _box(mask: np.ndarray, size: np.ndarray, tolerance: float) -> np.ndarray:
-    """[4] x0, y0, x1, y1 in integer-centre px around the foreground, wider by the tolerance, within the picture."""
-    inside = foreground(mask[: size[1], : size[0]])
-    rows, columns = np.nonzero(inside.any(axis=1))[0], np.nonzero(inside.any(axis=0))[0]
-    margin = tolerance + 1.0
-    low = np.maximum(np.array([columns[0], rows[0]]) - margin, 0)
-    high = np.minimum(np.array([columns[-1], rows[-1]]) + margin, size - 1)
-    return np.concatenate([low, high]).astype(np.float64)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -297,7 +288,7 @@ def _outside(
             order[n], order[0] = order[0], v
             if against > overruled:
                 return max(free, 1e-9)
-    return 0.0 if seen - against >= min(WITNESSES, start.shape[0]) else 1e-9
+    return 0.0 if seen - against >= min(WITNESSES, len(order)) else 1e-9
 
 
 @njit(cache=True, nogil=True)
@@ -325,14 +316,22 @@ def _part(
 
 @njit(cache=True, nogil=True)
 def clip_ray(
-    start: np.ndarray, along: np.ndarray, boxes: np.ndarray, sizes: np.ndarray, z0: float, z1: float
+    start: np.ndarray,
+    along: np.ndarray,
+    boxes: np.ndarray,
+    sizes: np.ndarray,
+    among: np.ndarray,
+    z0: float,
+    z1: float,
 ) -> tuple[float, float]:
-    """The part of [z0, z1] that can hold the hull: seen by enough views, and in the box of all that see its ends."""
-    views = start.shape[0]
+    """The part of [z0, z1] that can hold the hull of the views `among` all: seen by enough of them, and in the box of
+    all that see its ends."""
+    views = len(among)
     seen, kept = np.empty((views, 2)), np.empty((views, 2))
-    for v in range(views):
-        seen[v, 0], seen[v, 1] = _part(start[v], along[v], 0.0, 0.0, sizes[v, 0] - 1, sizes[v, 1] - 1, z0, z1)
-        kept[v, 0], kept[v, 1] = _part(start[v], along[v], boxes[v, 0], boxes[v, 1], boxes[v, 2], boxes[v, 3], z0, z1)
+    for n in range(views):
+        v = among[n]
+        seen[n, 0], seen[n, 1] = _part(start[v], along[v], 0.0, 0.0, sizes[v, 0] - 1, sizes[v, 1] - 1, z0, z1)
+        kept[n, 0], kept[n, 1] = _part(start[v], along[v], boxes[v, 0], boxes[v, 1], boxes[v, 2], boxes[v, 3], z0, z1)
     witnesses = min(WITNESSES, views)
     z0, z1 = max(z0, np.sort(seen[:, 0])[witnesses - 1]), min(z1, np.sort(seen[:, 1])[views - witnesses])
     moved = True
@@ -400,14 +399,17 @@ def _march(
     radius: float,
     pixel: float,
     tries: list[tuple[float, int]],
+    among: np.ndarray,
+    far: bool,
     ends: np.ndarray,
 ) -> None:
     """Fill ends [N, 2] with near and far depth of each ray [N, 3], 0 where the ray has no hull.
 
-    `pixel` is metres a step; `tries` are (tolerance px, views overruled), one after the other until there is a hull.
+    `pixel` is metres a step; `tries` are (tolerance px, views overruled), one after the other until there is a hull;
+    `among` are the views that it is the hull of. Without `far` the near depth stands for the far one.
     """
     views = projections.shape[0]
-    start, along, order = np.empty((views, 3)), np.empty((views, 3)), np.arange(views)
+    start, along, order = np.empty((views, 3)), np.empty((views, 3)), among.copy()
     for n in range(directions.shape[0]):
         ends[n, 0] = ends[n, 1] = 0.0
         d = directions[n]
@@ -416,7 +418,7 @@ def _march(
             continue
         into_views(origin, d, projections, start, along)
         step = pixel / math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
-        clipped = clip_ray(start, along, boxes, sizes, first, last)
+        clipped = clip_ray(start, along, boxes, sizes, among, first, last)
         for how in tries:
             # A view that is overruled does not clip either.
             z0, z1 = (first, last) if how[1] else clipped
@@ -425,8 +427,12 @@ def _march(
             near = _end(z0, step, pixel, z1, start, along, distance, sizes, focals, order, how)
             if near >= 0:
                 ends[n, 0] = near
-                # The way back may stride over a hull thinner than a step: then it is as thick as the point found.
-                ends[n, 1] = max(near, _end(z1, -step, pixel, near, start, along, distance, sizes, focals, order, how))
+                ends[n, 1] = near
+                if far:
+                    # The way back may stride over a hull thinner than a step: then it is as thick as the point found.
+                    ends[n, 1] = max(
+                        near, _end(z1, -step, pixel, near, start, along, distance, sizes, focals, order, how)
+                    )
                 break
 
 

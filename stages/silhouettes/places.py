@@ -120,8 +120,7 @@ def foreground_rays(rig: Rig, view: int, mask: np.ndarray, most: int | None) -> 
 
 def missed(silhouettes: Silhouettes, view: int, origin: np.ndarray, directions: np.ndarray) -> np.ndarray:
     """[N] bool: rays of a view of which the other silhouettes leave nothing."""
-    others = silhouettes.kept({*silhouettes.views} - {view})
-    return others.ends(origin, directions, (TOLERANCE, TOLERANCE), votes=False)[:, 0] == 0
+    return ~silhouettes.met(origin, directions, TOLERANCE, without=view)
 
 
 def disc(radius: float) -> np.ndarray:

@@ -44,4 +44,4 @@ def shared_points(
 
 def _hull(silhouettes: Silhouettes, view: int, origin: np.ndarray, directions: np.ndarray) -> np.ndarray:
     """[n] depth at which a camera's rays enter the hull of the others, 0 where they miss it."""
-    return silhouettes.kept({*silhouettes.views} - {view}).ends(origin, directions)[:, 0]
+    return silhouettes.ends(origin, directions, without=view)[:, 0]

@@ -6,7 +6,7 @@ import pytest
 
 from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, hulls
 from posegaussian.stages.depth.params import DepthParams
-from posegaussian.stages.geometry.projection import unproject
+from posegaussian.stages.geometry.projection import pixel_centres, rays, unproject
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.silhouettes.hull import Silhouettes, searched_radius
 from posegaussian.stages.silhouettes.hull import visual_hull as hull_of
@@ -245,3 +245,20 @@ def test_a_ray_that_grazes_a_hull_thinner_than_a_step_has_a_far_end_behind_its_n
         assert (near > 0).any()
         assert (near >= 0).all()
         assert (far >= near).all()
+
+
+def test_the_hull_of_the_others_is_what_those_alone_leave() -> None:
+    """Asked for without copying what the others say: depths and hits are the same."""
+    rig = ring(7, (64, 64))
+    masks = {v: sphere_mask(rig, v, np.array([0.1, 0.05, 0.0]), 0.4) for v in (0, 1, 3, 4, 6)}
+    masks[3] = np.roll(masks[3], 9, axis=1)
+    silhouettes = Silhouettes.of(rig, masks, np.zeros(3), 1.0)
+    for view in (0, 2, 3):
+        pixels = pixel_centres((64, 64)).reshape(-1, 2)
+        origin, directions = rays(pixels, rig.intrinsics[view], rig.world_to_camera[view])
+        others = silhouettes.kept({*silhouettes.views} - {view})
+        alone = others.ends(origin, directions)
+        np.testing.assert_array_equal(silhouettes.ends(origin, directions, without=view), alone)
+        first = others.ends(origin, directions, (0.5, 0.5), votes=False)[:, 0] > 0
+        np.testing.assert_array_equal(silhouettes.met(origin, directions, 0.5, without=view), first)
+        assert 0 < first.sum() < len(first)
