@@ -33,12 +33,14 @@ bench-%: $(STAMP)
 	$(if $(RUNS),$(MEASURE),$(error No benchmark is called $@; `make help` prints them))
 
 bench-effects: RUNS = simulator.effects_time ## What every effect of the simulator costs, and what leaving it out saves.
+bench-first-run: RUNS = pipeline.first_run ## What two workers compile on a first run, each on its own and waiting for one another.
 bench-frame: RUNS = pipeline.frame_time ## Where the seconds of a frame go, stage by stage: eight views of 512 and 1024 px, one thread.
 bench-gpu: RUNS = renderer.gpu_speed ## The renderer on a CUDA device, by any Python with a CUDA build of torch.
 bench-mattes: RUNS = "frames.mattes simulated" "frames.mattes balance $(CAPTURES)/balance" "frames.mattes given $(CAPTURES)/balance" ## Mattes without given masks, of simulated people and of a capture outlined by hand (CAPTURES=FOLDER).
 bench-motorcycle: RUNS = depth.motorcycle ## The offset sweep on a measured stereo pair, beside OpenCV.
 bench-network: RUNS = network.gain ## The trained network over the analytic floor, on simulated people.
 bench-network-time: RUNS = network.speed ## What the network costs for two views, by module, beside plain float32.
+bench-picture: RUNS = pipeline.picture_time ## What a picture takes in the rendering stage, eight views of 512 px, one thread.
 bench-pose: RUNS = pose.simulated ## Joints in space with every kind of smoothing: ten minutes on two cores.
 bench-quality: RUNS = "quality.views clean --frames 3" "quality.views spoilt" ## Simulated people, every kind of depth, the floor's gates: about an hour and a half on two cores.
 bench-refinement: RUNS = refinement.gain ## Refinement beside per-scene 3D Gaussian splatting: about an hour on two cores.

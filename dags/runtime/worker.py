@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from posegaussian.dags.assets.digest import asset_digest
+from posegaussian.dags.compiling.kernels import compile_once
 from posegaussian.dags.provenance import builds
 from posegaussian.dags.provenance.code_digest import here_is
 from posegaussian.dags.runtime import threads
@@ -170,6 +171,8 @@ def _make(sequence: SequenceGroup, order: WorkOrder, lease: Lease) -> Receipt:
     """Compute and write, from the old receipt's removal to the new one."""
     stage = stage_named(order.stage)
     kernel = resolve(stage.run)
+    if "numba" in sys.modules:  # whoever has compiled kernels has imported it by now
+        compile_once()
     builds.check_imports()
     threads.limit(order.threads)
     started, clock, cpu = datetime.now(UTC), time.perf_counter(), time.process_time()

@@ -1,0 +1,1 @@
+"""Compiled kernels, as processes share them."""
