@@ -17,6 +17,7 @@ from posegaussian.storage.archive.store import Archive
 from tests.support.browser import Browser
 from tests.support.pipeline import NAME, Pipeline
 
+ARCHIVE = """<script>alert('1') "zoë" & co"""
 FAILED, WARNED = "it failed", "it's &amp; warned"
 OTHERS = ("zoë läuft", "'b' & co", "a" * 100, NAME)
 WIDTHS = (1280, 390)
@@ -34,7 +35,7 @@ def browser() -> Iterator[Browser]:
 def file(browser: Browser, finished: Pipeline, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The page of six sequences, one failed, one with warnings, taken away from where it was written."""
     folder = tmp_path_factory.mktemp("report")
-    pipeline = finished.copy(folder / "archive")
+    pipeline = finished.copy(folder / ARCHIVE)
     for name in (FAILED, WARNED, *OTHERS[:-1]):
         shutil.copytree(pipeline.root / NAME, pipeline.root / name)
     warn(Archive.open(str(pipeline.root)), WARNED)
@@ -72,6 +73,7 @@ def test_it_is_whole_at_any_width(browser: Browser, file: Path, width: int) -> N
     browser.resize(width, 900, mobile=width < 500)
     browser.open(file)
     text = browser.run("document.body.innerText")
+    assert browser.run("document.querySelector('h1').innerText") == ARCHIVE
     for said in (FAILED, WARNED, *OTHERS, "<b>the mask</b> is 'empty'", "onerror=alert(1)> the cosmic ray"):
         assert said in text, said
     assert "6 sequences: 4 done, 1 warnings, 1 failed" in text
