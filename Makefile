@@ -44,6 +44,7 @@ bench-picture: RUNS = pipeline.picture_time ## What a picture takes in the rende
 bench-pose: RUNS = pose.simulated ## Joints in space with every kind of smoothing: ten minutes on two cores.
 bench-quality: RUNS = "quality.views clean --frames 3" "quality.views spoilt" ## Simulated people, every kind of depth, the floor's gates: about an hour and a half on two cores.
 bench-refinement: RUNS = refinement.gain ## Refinement beside per-scene 3D Gaussian splatting: about an hour on two cores.
+bench-regret: RUNS = quality.regret ## What the decisions about effects cost, scene by scene: some hours on two cores.
 bench-renderer: RUNS = renderer.cpu_speed ## The renderer beside plain torch, on one thread.
 bench-sweep: RUNS = depth.sweep_time ## What the offset sweep costs, by phase, and a hypothesis beside a plain torch version.
 

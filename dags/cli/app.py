@@ -1,5 +1,5 @@
 """The command `posegaussian`: import, simulate, scans, plan, run, status, why, verify, gc, reshard, accept, evaluate,
-tradeoff, export, inspect, train, ablate, models, demo, doctor, config, init, report, view.
+tradeoff, effects, export, inspect, train, ablate, models, demo, doctor, config, init, report, view.
 
 Exit status: 0 all done, 1 some partition failed, 2 usage or configuration, 130 interrupted.
 """
@@ -24,7 +24,7 @@ from posegaussian.dags.cli.maintenance import accept, gc, reshard, verify
 from posegaussian.dags.cli.models import models
 from posegaussian.dags.cli.options import Commands, errors
 from posegaussian.dags.cli.report import report, view
-from posegaussian.dags.cli.results import export, tradeoff
+from posegaussian.dags.cli.results import effects, export, tradeoff
 from posegaussian.dags.cli.run import plan, run, status, why
 from posegaussian.dags.cli.sequences import ImportCommand, demo, import_capture, scans, simulate
 from posegaussian.dags.cli.train import train
@@ -70,6 +70,7 @@ app.command()(reshard)
 app.command()(accept)
 app.command()(evaluate)
 app.command()(tradeoff)
+app.command()(effects)
 app.command()(export)
 app.command()(inspect)
 app.command()(report)

@@ -1,4 +1,4 @@
-"""The commands that make files and tables of results: export, tradeoff."""
+"""The commands that make files and tables of results: export, tradeoff, effects."""
 
 from __future__ import annotations
 
@@ -199,3 +199,35 @@ def tradeoff(
     session = open_session(config, assignments, archive)
     run_tradeoff(session, sequence, knob, levels or [], repeats, output)
     say([next_command("run", *session.options, "--budget", "3s/frame")])
+
+
+def effects(
+    regret: Annotated[
+        str,
+        typer.Option("--regret", help="Sequence whose effects are turned, one at a time, against their decisions."),
+    ],
+    pairs: Annotated[bool, typer.Option("--pairs", help="Turn every two of them together, too.")] = False,
+    repeats: Annotated[
+        int,
+        typer.Option("--repeats", help="Times every stage that differs is measured; the median counts.", min=1, max=99),
+    ] = 1,
+    table: Annotated[Path | None, typer.Option("--table", help="Write the table to this Parquet file, too.")] = None,
+    archive: ArchiveOption = None,
+    config: ConfigOption = None,
+    assignments: SetOption = None,
+) -> None:
+    """Measure what the decisions about effects cost: each is turned the other way, and held-out cameras and the clock
+    say what that is worth.
+
+    Example: posegaussian effects --regret walk --set 'views.held_out=[cam05]' --set frames.range=0:8
+    """
+    from posegaussian.dags.regret.regret import as_lines, measured, rows
+    from posegaussian.dags.tradeoff.tradeoff import write_parquet
+
+    session = open_session(config, assignments, archive)
+    name = session.one_name(regret)
+    found = measured(session, name, pairs, repeats)
+    session.say(as_lines(found))
+    if table is not None:
+        write_parquet(table, rows(found), {"sequence": name, "repeats": str(repeats)})
+        session.say([f"table: {table}"])

@@ -44,6 +44,15 @@ def held_out_setting(staged: Staged) -> str:
     return f"views.held_out={json.dumps(list(staged.written.names[staged.sources :]))}"
 
 
+def registered(folder: Path, settings: tuple[str, ...], archive: str = ARCHIVE) -> Session:
+    """A silent session under `settings`, with the capture of `folder` registered in an archive there."""
+    url = str(folder / archive)
+    session = Session(load_configuration(None, list(settings), folder=folder), url, Console(quiet=True))
+    own = session.configuration.for_sequence(NAME)
+    register(Archive.open(url, create=True), NAME, find_capture("images", folder / CAPTURE, [], own), own)
+    return session
+
+
 def run_capture(
     folder: Path,
     settings: tuple[str, ...],
@@ -57,11 +66,7 @@ def run_capture(
     Returns the results, and CPU seconds by stage of what ran. Raises as
     `posegaussian.dags.runtime.executors.inline_run.run_here` does.
     """
-    url = str(folder / archive)
-    session = Session(load_configuration(None, list(settings), folder=folder), url, Console(quiet=True))
-    own = session.configuration.for_sequence(NAME)
-    register(Archive.open(url, create=True), NAME, find_capture("images", folder / CAPTURE, [], own), own)
-    plan = session.plan(NAME, selection)
+    plan = registered(folder, settings, archive).plan(NAME, selection)
     seconds = Counter[str]()
     for task, receipt in run_here(plan, selection, threads, after_each).items():
         seconds[task.stage] += receipt.facts["cpu_seconds"]

@@ -36,12 +36,11 @@ def quality(context: Context, reference: Context) -> dict[str, float]:
     return {name: float(np.mean(values)) for name, values in found.items()}
 
 
-def _pictures(context: Context, reference: Context, frames: range) -> Iterator[tuple[str, float]]:
-    from posegaussian.stages.metrics.measures.registry import METRICS
-    from posegaussian.stages.metrics.run import measure
-
-    traded = [m.name for m in METRICS.values() if m.traded]
-    wanted = context.settings.metrics.model_copy(update={"measures": traded})
+def compared(
+    context: Context, reference: Context, frames: range
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """(picture, filmed, mask) of every held-out picture of some frames, [h, w, 3], [h, w, 3] and [h, w] uint8, at the
+    reference's size. Contexts as of `quality`."""
     results, truths = Results(context), Results(reference)
     path, large = held_out_path(context), held_out_path(reference)
     rendered = results.read(f"rendering/{path.name}/color", frames)
@@ -52,12 +51,19 @@ def _pictures(context: Context, reference: Context, frames: range) -> Iterator[t
         for j, frame in enumerate(frames):
             if path.served[frame, c] and reference.valid[frame, view]:
                 picture = _enlarged(rendered[j, c, :h, :w], int(wide), int(high), smooth=True)
-                values = measure(picture, truth[j, :high, :wide], mask[j, :high, :wide], wanted)
-                yield from (
-                    (f"{measure_name} {region}", value)
-                    for (region, measure_name), value in values.items()
-                    if isinstance(value, float)
-                )
+                yield picture, truth[j, :high, :wide], mask[j, :high, :wide]
+
+
+def _pictures(context: Context, reference: Context, frames: range) -> Iterator[tuple[str, float]]:
+    from posegaussian.stages.metrics.measures.registry import METRICS
+    from posegaussian.stages.metrics.run import measure
+
+    traded = [m.name for m in METRICS.values() if m.traded]
+    wanted = context.settings.metrics.model_copy(update={"measures": traded})
+    for picture, truth, mask in compared(context, reference, frames):
+        for (region, name), value in measure(picture, truth, mask, wanted).items():
+            if isinstance(value, float):
+                yield f"{name} {region}", value
 
 
 def _depths(context: Context, reference: Context, frames: range) -> Iterator[tuple[str, float]]:

@@ -13,7 +13,7 @@ import statistics
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import ValidationError
 
@@ -102,7 +102,7 @@ def _sizes(context: Context, levels: Sequence[Any]) -> list[int | None]:
     return out
 
 
-def _settings(context: Context, values: Mapping[str, Any]) -> Any:
+def level_settings(context: Context, values: Mapping[str, Any]) -> Any:
     """The sequence's settings with the levels of some knobs; nothing is dropped in a variant."""
     partial: dict[str, Any] = {"run": {"keep": "everything"}}
     for knob, value in values.items():
@@ -119,9 +119,9 @@ def _settings(context: Context, values: Mapping[str, Any]) -> Any:
 class Clock:
     """Seconds of stages, by what they made."""
 
-    def __init__(self, session: Session) -> None:
-        """No times yet."""
-        self.session = session
+    def __init__(self, session: Session, fact: Literal["seconds", "cpu_seconds"] = "seconds") -> None:
+        """No times yet; `fact` of the receipts says which seconds: by the clock, or of processors."""
+        self.session, self.fact = session, fact
         self.times: dict[tuple[str, str], list[float]] = defaultdict(list)
 
     def run(self, level: Level, force: frozenset[str] = frozenset()) -> None:
@@ -135,7 +135,7 @@ class Clock:
         plan = make_plan(level.context, selection)
         try:
             for task, receipt in run_here(plan, selection, self.session.configuration.default.run.threads).items():
-                seconds[task.stage][task] = receipt.facts["seconds"]
+                seconds[task.stage][task] = receipt.facts[self.fact]
         except RunFailed as e:
             raise UserError(f"tradeoff: {level.label()}: {e}") from e
         level.identities = identities(level.context)
@@ -170,7 +170,7 @@ class Clock:
         or the sum over the receipts of a stage taken over."""
         once: dict[str, float] = defaultdict(float)
         for task, receipt in Book.open(level.context).receipts.items():
-            once[task.stage] += receipt.facts.get("seconds", 0.0)
+            once[task.stage] += receipt.facts.get(self.fact, 0.0)
         frames = level.context.grid.frames
         return {
             s: (statistics.median(t) if (t := self.times.get((s, i))) else once[s]) / frames
@@ -218,7 +218,7 @@ def measured(
             " more with --levels KNOB=LEVEL,LEVEL"
         )
     threads.limit(session.configuration.default.run.threads)
-    levels = [Level(v, settled_variant(origin.sequence, _settings(origin, v), v, PATH)) for v in combinations]
+    levels = [Level(v, settled_variant(origin.sequence, level_settings(origin, v), v, PATH)) for v in combinations]
     Clock(session).measure(levels, repeats)
     reference = max(levels, key=lambda level: int(level.context.rig.size.max())).context
     for level in levels:
