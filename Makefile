@@ -44,7 +44,7 @@ bench-picture: RUNS = pipeline.picture_time ## What a picture takes in the rende
 bench-pose: RUNS = pose.simulated ## Joints in space with every kind of smoothing: ten minutes on two cores.
 bench-quality: RUNS = "quality.views clean --frames 3" "quality.views spoilt" ## Simulated people, every kind of depth, the floor's gates: about an hour and a half on two cores.
 bench-refinement: RUNS = refinement.gain ## Refinement beside per-scene 3D Gaussian splatting: about an hour on two cores.
-bench-regret: RUNS = quality.regret ## What the decisions about effects cost, scene by scene: some hours on two cores.
+bench-regret: RUNS = quality.regret ## What the decisions about effects cost, scene by scene.
 bench-renderer: RUNS = renderer.cpu_speed ## The renderer beside plain torch, on one thread.
 bench-sweep: RUNS = depth.sweep_time ## What the offset sweep costs, by phase, and a hypothesis beside a plain torch version.
 
@@ -60,7 +60,7 @@ extreme: $(STAMP) ## Draw ten thousand random scenes of extreme scale, opacity, 
 stability: $(STAMP) ## Draw every hard case in a naive version and in ours: docs/measurements/stability.md and docs/measurements/stability.png.
 	$(BIN)/python -m tests.hard_cases.stability
 
-mutations: $(STAMP) ## Break what every hard case guards, a line at a time: each case must fail. About twenty minutes on two cores.
+mutations: $(STAMP) ## Break what every hard case guards, a line at a time: each case must fail.
 	$(BIN)/python -m tests.mutations
 
 # torch first and pinned: without the pin a build with several gigabytes of GPU libraries may be chosen.

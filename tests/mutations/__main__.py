@@ -3,8 +3,8 @@
     python -m tests.mutations [CASE ...]
 
 prints a line a guard: the case, the guarded line, and whether it was caught; fails where one was not. Nothing on the
-disk is changed; kernels are compiled into a folder that is deleted, with few optimisations: that is three times as
-quick, and the cases hold all the same.
+disk is changed; kernels are compiled into a folder that is deleted, with few optimisations: that is
+quicker, and the cases hold all the same.
 """
 
 from __future__ import annotations
