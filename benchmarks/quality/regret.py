@@ -101,7 +101,7 @@ def effect_rows(found: Sequence[tuple[Filmed, Regret]]) -> list[dict[str, Any]]:
     for filmed, regret in found:
         for switch in regret.switches:
             turned = regret.singles[switch.name]
-            told = f"{filmed.name} {switch.measured()}".strip()
+            told = f"{filmed.name} {switch.measured}".strip()
             cases.setdefault((switch.name, switch.decided), []).append((turned.gain, turned.seconds, told))
     return [
         {
@@ -141,7 +141,7 @@ def main() -> None:
             for switch in regret.switches:
                 turned = regret.singles[switch.name]
                 print(
-                    f"    {switch.name} {switch.decided} ({switch.measured()}): the other way {turned.gain:+.2f} dB,"
+                    f"    {switch.name} {switch.decided} ({switch.measured}): the other way {turned.gain:+.2f} dB,"
                     f" {turned.seconds:+.2f} s",
                     flush=True,
                 )

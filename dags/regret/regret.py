@@ -198,7 +198,7 @@ def rows(found: Regret) -> list[dict[str, Any]]:
             {
                 "effect": " + ".join(turned.names),
                 "decided": single.decided if single else "",
-                "measured": single.measured() if single else "",
+                "measured": single.measured if single else "",
                 "the other way dB": turned.gain,
                 "the other way CPU s/frame": turned.seconds,
                 "costs dB": max(0.0, turned.gain),

@@ -18,30 +18,26 @@ State = Literal["on", "off"]
 class Switch:
     """One effect that may be on or off on this capture."""
 
-    verdict: EffectVerdict
-    """What was decided, and why."""
-
-    @property
-    def name(self) -> str:
-        """Of the effect."""
-        return self.verdict.effect.name
-
-    @property
-    def decided(self) -> State:
-        """What it is."""
-        return "on" if self.verdict.state == "on" else "off"
+    name: str
+    """Of the effect."""
+    decided: State
+    """What it is."""
+    measured: str
+    """`0.31 of 0.25 px/px`: what was measured and the bound; empty where nothing was."""
 
     @property
     def other(self) -> State:
         """What it is not."""
         return "off" if self.decided == "on" else "on"
 
-    def measured(self) -> str:
-        """`0.31 of 0.25 px/px`: what was measured and the bound; empty where nothing was."""
-        decision, effect = self.verdict.decision, self.verdict.effect
-        if decision is None or decision.measured is None:
-            return ""
-        return f"{decision.measured:.3g} of {effect.quantity(f'{effect.threshold:g}')}"
+    @classmethod
+    def of(cls, verdict: EffectVerdict) -> Switch:
+        """From what is known of the effect; text alone, so that it may leave the process."""
+        decision, effect = verdict.decision, verdict.effect
+        assert decision is not None, f"{effect.name} is decided before it is turned"
+        bound = effect.quantity(f"{effect.threshold:g}")
+        told = "" if decision.measured is None else f"{decision.measured:.3g} of {bound}"
+        return cls(effect.name, "on" if decision.on else "off", told)
 
 
 def pinned(context: Context) -> dict[str, Any]:
@@ -64,7 +60,7 @@ def switches(context: Context) -> tuple[list[Switch], dict[str, str]]:
     fixed, found, ruled_out = pinned(context), [], {}
     for name, verdict in context.effects.items():
         assert verdict.decision is not None, f"{name} is decided before it is turned"
-        switch = Switch(verdict)
+        switch = Switch.of(verdict)
         trial = replace(context, settings=level_settings(context, {**fixed, f"effects.{name}": switch.other}))
         turned = trial.effects[name]
         if turned.state == switch.decided:

@@ -3,6 +3,7 @@ changes."""
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 from pathlib import Path
 
@@ -44,6 +45,7 @@ def test_as_decided_is_what_a_run_makes(tried: tuple, tmp_path: Path) -> None:
 def test_an_effect_is_turned_and_the_others_stay(finished: Pipeline) -> None:
     context = make_plan(finished.with_settings("effects.limb_bounds=on").context()).context
     found, ruled_out = switches(context)
+    assert [s.name for s in pickle.loads(pickle.dumps(found))] == [s.name for s in found], "benchmarks send them"
     assert {s.name for s in found} | ruled_out.keys() == context.effects.keys()
     for switch in found:
         settings = level_settings(context, {**pinned(context), f"effects.{switch.name}": switch.other})
