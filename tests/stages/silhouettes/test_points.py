@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from posegaussian.stages.geometry.projection import unproject
-from posegaussian.stages.silhouettes.hull import FARTHEST, Silhouettes
+from posegaussian.stages.silhouettes.distance import FARTHEST
+from posegaussian.stages.silhouettes.hull import Silhouettes
 from posegaussian.stages.silhouettes.points import outside_by, within
 from tests.support.known_geometry import ring, sphere_depth, sphere_mask
 
