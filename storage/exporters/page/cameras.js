@@ -66,7 +66,9 @@ function weightsFor(head, frame, centre) {
   if (head.allSides) return usable.map(Number);
   const angles = anglesAt(head.subject, head.views, centre);
   const near = head.views.map((_, v) => v).filter((v) => usable[v]).sort((a, b) => angles[a] - angles[b] || a - b);
-  const limit = near.length > head.sources ? angles[near[head.sources]] : Math.PI;
+  const leftOut = near.length > head.sources ? angles[near[head.sources]] : Math.PI;
+  const ring = head.sources > 1 && near.length > 1 ? 2 * angles[near[0]] + angles[near[1]] : Math.PI;
+  const limit = Math.min(leftOut, ring);
   const chosen = near.slice(0, head.sources);
   for (const v of chosen) weights[v] = limit > 0 ? Math.sqrt(Math.max(0, 1 - angles[v] / limit)) : 0;
   const most = Math.max(...weights, 0);
