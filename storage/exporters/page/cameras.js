@@ -60,7 +60,7 @@ function anglesAt(subject, views, centre) {
 }
 
 // Weight 0..1 of every source view, as stages/rendering/sources.py has it: the nearest `count` in angle, each faded to
-// nothing when another takes its place.
+// nothing when another takes its place, and where another camera stands.
 function weightsFor(head, frame, centre) {
   const usable = head.usable[frame], weights = head.views.map(() => 0);
   if (head.allSides) return usable.map(Number);
