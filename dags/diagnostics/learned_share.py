@@ -1,4 +1,4 @@
-"""How much of what was reconstructed is learned, and how much is the analytic floor."""
+"""How often the network holds its depth for better than the analytic floor's."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from posegaussian.storage.model.errors import ShardMissing
 
 def sentences(plans: Iterable[Plan]) -> list[str]:
     """One sentence a sequence in which the network ran:
-    the mean share of the learned value, and the view with the least."""
+    the mean of its confidence, and the view with the least."""
     said = []
     for plan in plans:
         context, results = plan.context, Results(plan.context)
@@ -23,17 +23,16 @@ def sentences(plans: Iterable[Plan]) -> list[str]:
             continue
         frames = range(len(context.source_frames))
         try:
-            shares = {
+            sure = {
                 context.views.names[v]: results.read("network/share", frames, v)[:, 0] for v in context.views.sources
             }
         except ShardMissing:  # a run of some partitions: nothing is said of a part
             continue
-        means = {name: float(np.mean(share[share > 0])) if (share > 0).any() else 0.0 for name, share in shares.items()}
+        means = {name: float(np.mean(share[share > 0])) if (share > 0).any() else 0.0 for name, share in sure.items()}
         least = min(means, key=lambda name: means[name])
         weights = settled(context.settings.network, context.facts).weights
         said.append(
-            f"{context.sequence.name}: {np.mean(list(means.values())):.0%} of depth and Gaussians are the network's"
-            f" ({weights}), the rest the analytic floor's; least in {least},"
-            f" {means[least]:.0%}"
+            f"{context.sequence.name}: the network ({weights}) holds its depth for better than the analytic floor's at"
+            f" {np.mean(list(means.values())):.0%} of the surface; least in {least}, {means[least]:.0%}"
         )
     return said

@@ -28,7 +28,7 @@ CHANNELS = {"scale": slice(0, 3), "rotation": slice(3, 6), "opacity": slice(6, 8
 def over_prior(
     prior: tuple[np.ndarray, np.ndarray, np.ndarray],
     numbers: np.ndarray,
-    confidence: np.ndarray,
+    share: np.ndarray,
     intrinsics: np.ndarray,
     turn: np.ndarray | None = None,
     single: bool = False,
@@ -38,14 +38,15 @@ def over_prior(
     with `turn` or `axes`, the cosine and sine of the twist [2, h, w], too.
 
     prior: scale, normal and opacity as `posegaussian.stages.gaussians.run.prior` gives them; numbers [8, h, w] of the
-    heads, of which `turn` [1, h, w] is the first of a quaternion, and `single` says that one opacity counts; confidence
-    [h, w] 0..1; `axes` [1] the turn in the picture of the axes that scale and rotation are said along, radians.
+    heads, of which `turn` [1, h, w] is the first of a quaternion, and `single` says that one opacity counts; share
+    [h, w] 0..1 of what they say; `axes` [1] the turn in the picture of the axes that scale and rotation are said along,
+    radians.
     """
     scale, normal, opacity = (torch.from_numpy(np.ascontiguousarray(m, np.float32))[None] for m in prior)
     x = {name: torch.from_numpy(numbers[c].astype(np.float32))[None] for name, c in CHANNELS.items()}
-    ray = rays(intrinsics, *confidence.shape)
+    ray = rays(intrinsics, *share.shape)
     toward = torch.from_numpy(ray / np.sqrt((ray**2).sum(axis=0)))[None]
-    share = torch.from_numpy(confidence.astype(np.float32))[None, None]
+    weight = torch.from_numpy(share.astype(np.float32))[None, None]
     if single:
         x["opacity"] = x["opacity"][:, :1]
     angle = None if axes is None else float(axes[0])
@@ -56,19 +57,19 @@ def over_prior(
     else:
         whole = torch.cat([torch.from_numpy(turn.astype(np.float32))[None], x["rotation"]], dim=1)
         rotation = learned_quaternion(whole, normal)
-    analytic = Prior(torch.zeros_like(share), scale, normal, opacity)
+    analytic = Prior(torch.zeros_like(weight), scale, normal, opacity)
     said = HeadMaps(
-        torch.zeros_like(share),
+        torch.zeros_like(weight),
         learned_scale(x["scale"], scale),
         rotation,
         learned_opacity(x["opacity"], opacity),
-        share,
+        torch.cat([torch.zeros_like(weight), weight], dim=1),
     )
     found = blend(analytic, said)
-    size, twist = found.scale, None if turn is None else twist_of(found.rotation)
+    size, twist, weight = found.scale, None if turn is None else twist_of(found.rotation), found.shares[:, 1:]
     if angle is not None:
-        size, twist = turned_sizes(scale, growth(x["scale"]), found.confidence, angle)
-    maps = [size, normal_of(found.rotation), found.opacity, found.confidence, *([] if twist is None else [twist])]
+        size, twist = turned_sizes(scale, growth(x["scale"]), weight, angle)
+    maps = [size, normal_of(found.rotation), found.opacity, weight, *([] if twist is None else [twist])]
     return tuple(m[0].numpy() for m in maps)
 
 

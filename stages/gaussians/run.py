@@ -38,7 +38,7 @@ def run(inputs: Inputs, params: GaussiansParams) -> Iterator[Block]:
             depth, confidence = (_averaged if steady else _found)(inputs, view)
             mask = inputs.read("frames/mask", view)
             said = (
-                [inputs.read(f"network/{name}", view) for name in ("numbers", "confidence")]
+                [inputs.read(f"network/{name}", view) for name in ("numbers", "blend")]
                 if NETWORK in inputs.facts
                 else None
             )

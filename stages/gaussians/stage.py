@@ -30,7 +30,7 @@ def halo(params: GaussiansParams, facts: Facts) -> tuple[int, int]:
 STAGE = Stage(
     name="gaussians",
     summary="Turn depth into pixel-aligned Gaussians: scale, normal, opacity.",
-    version=3,
+    version=4,
     run="posegaussian.stages.gaussians.run:run",
     check="posegaussian.stages.gaussians.run:check",
     reads=(
@@ -38,7 +38,7 @@ STAGE = Stage(
         Read("network/numbers", when=lambda p, f: NETWORK in f),
         Read("network/turn", when=lambda p, f: NETWORK in f and QUATERNIONS in f),
         Read("network/axes", when=lambda p, f: NETWORK in f and TURNED in f),
-        Read("network/confidence", when=lambda p, f: NETWORK in f),
+        Read("network/blend", when=lambda p, f: NETWORK in f),
         Read("depth/confidence", halo=halo),
         Read("frames/mask"),
         Read("frames/color", halo=halo, when=_averaged),

@@ -50,9 +50,11 @@ class Learned:
     """Of one view, on its own pixels; 0 where nothing is said."""
 
     inverse_depth: np.ndarray
-    """[h, w] float32 change of 1 / depth, 1/m, the confidence already in it."""
+    """[h, w] float32 change of 1 / depth, 1/m, its share already in it."""
     confidence: np.ndarray
-    """[h, w] float32 share of the learned value."""
+    """[h, w] float32 probability that the learned depth is nearer to the truth than the start."""
+    share: np.ndarray
+    """[h, w] float32 of what the heads say of scale, rotation and opacity."""
     numbers: np.ndarray
     """[n, h, w] float32 of the heads, as many as the network's have."""
 
@@ -192,7 +194,7 @@ def learned_of(
         known, torch.where(views.known, prediction.disparity - views.start, 0)[which, 0].numpy(), 0
     ) / float(views.coding.scale[which])
     heads = torch.cat([prediction.numbers[name][which] for name in HEADS]).numpy()
-    maps = [move, prediction.confidence[which, 0].numpy(), *heads]
+    maps = [move, prediction.confidence[which, 0].numpy(), prediction.shares[which, 1].numpy(), *heads]
     share = cv2.remap(known.astype(np.float32), x, y, cv2.INTER_LINEAR)
     told = (share > SEEN) & (depth > 0) & (ratio > 0)
     pulled = [
@@ -203,7 +205,7 @@ def learned_of(
         ).astype(np.float32)
         for m in maps
     ]
-    return Learned(pulled[0] * np.where(told, ratio, 0).astype(np.float32), pulled[1], np.stack(pulled[2:]))
+    return Learned(pulled[0] * np.where(told, ratio, 0).astype(np.float32), pulled[1], pulled[2], np.stack(pulled[3:]))
 
 
 def leaning(preset: Preset) -> int:
@@ -233,7 +235,8 @@ def _merged(parts: list[Learned]) -> Learned:
     total = weights.sum(axis=0)
     weights = weights / np.where(total > 0, total, 1)
     numbers = sum(w * p.numbers for w, p in zip(weights, parts, strict=True))
-    inverse, confidence = (
-        (weights * np.stack([getattr(p, name) for p in parts])).sum(axis=0) for name in ("inverse_depth", "confidence")
+    inverse, confidence, share = (
+        (weights * np.stack([getattr(p, name) for p in parts])).sum(axis=0)
+        for name in ("inverse_depth", "confidence", "share")
     )
-    return Learned(inverse, confidence, np.asarray(numbers, np.float32))
+    return Learned(inverse, confidence, share, np.asarray(numbers, np.float32))

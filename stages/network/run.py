@@ -24,8 +24,8 @@ SURE = 0.1
 
 
 def run(inputs: TimedInputs, params: NetworkParams) -> Iterator[Block]:
-    """Blocks `network/depth`, `network/confidence`, `network/share` and `network/numbers` of every view, and
-    `network/turn` of quaternions, `network/axes` of turned pairs; views that are not sources get zeros.
+    """Blocks `network/depth`, `network/confidence`, `network/share`, `network/blend` and `network/numbers` of every
+    view, and `network/turn` of quaternions, `network/axes` of turned pairs; views that are not sources get zeros.
 
     Each frame follows from its own pictures, heatmaps and analytic depth alone.
     """
@@ -36,6 +36,7 @@ def run(inputs: TimedInputs, params: NetworkParams) -> Iterator[Block]:
         read = {v: _View(inputs, v) for v in inputs.views.sources}
     depth = {v: r.depth.astype(np.float32, copy=True) for v, r in read.items()}
     confidence = {v: np.zeros(shape, np.float16) for v in read}
+    blend = {v: np.zeros(shape, np.float16) for v in read}
     numbers = {v: np.zeros((shape[0], NUMBERS, *shape[1:]), np.float16) for v in read}
     turn = {v: np.zeros((shape[0], 1, *shape[1:]), np.float16) for v in read}
     axes = np.zeros((len(inputs.rig), shape[0], 1), np.float32)
@@ -51,14 +52,15 @@ def run(inputs: TimedInputs, params: NetworkParams) -> Iterator[Block]:
         for v, learned in _learned(inputs, network, params, looks, shown).items():
             with inputs.timed("pulling back"):
                 depth[v][f] = refined(depth[v][f], learned)
-            confidence[v][f] = learned.confidence
+            confidence[v][f], blend[v][f] = learned.confidence, learned.share
             numbers[v][f], turn[v][f] = stored(learned.numbers, network.preset)
             axes[v, f] = looks(valid).axes[v] if TURNED in inputs.facts else 0
     for v in range(len(inputs.rig)):
         yield Block("network/depth", depth.get(v, np.zeros(shape, np.float32)), v)
         yield Block("network/confidence", confidence.get(v, np.zeros(shape, np.float16)), v)
-        share = _share(depth[v], confidence[v]) if v in read else np.zeros((shape[0], 1), np.float32)
-        yield Block("network/share", share, v, notes=_note(share) if v in read else ())
+        mean = _mean(depth[v], confidence[v]) if v in read else np.zeros((shape[0], 1), np.float32)
+        yield Block("network/share", mean, v, notes=_note(mean) if v in read else ())
+        yield Block("network/blend", blend.get(v, np.zeros(shape, np.float16)), v)
         yield Block("network/numbers", numbers.get(v, np.zeros((shape[0], NUMBERS, *shape[1:]), np.float16)), v)
         if QUATERNIONS in inputs.facts:
             yield Block("network/turn", turn.get(v, np.zeros((shape[0], 1, *shape[1:]), np.float16)), v)
@@ -128,16 +130,16 @@ def _shape(inputs: Inputs) -> tuple[int, int, int]:
     return len(inputs.partition), int(height), int(width)
 
 
-def _share(depth: np.ndarray, confidence: np.ndarray) -> np.ndarray:
+def _mean(depth: np.ndarray, confidence: np.ndarray) -> np.ndarray:
     """[F, 1] float32 mean confidence over the surface of each frame, 0 without one."""
     surface = depth > 0
     total = np.where(surface, confidence, 0).sum(axis=(1, 2), dtype=np.float64)
     return (total / np.maximum(surface.sum(axis=(1, 2)), 1)).astype(np.float32)[:, None]
 
 
-def _note(share: np.ndarray) -> tuple[str, ...]:
-    """A sentence about a view of which the network says hardly anything; `share` as `_share` gives it."""
-    mean = float(share[share > 0].mean()) if (share > 0).any() else 0.0
+def _note(found: np.ndarray) -> tuple[str, ...]:
+    """A sentence about a view of which the network says hardly anything; `found` as `_mean` gives it."""
+    mean = float(found[found > 0].mean()) if (found > 0).any() else 0.0
     if mean >= SURE:
         return ()
     return (
@@ -155,6 +157,7 @@ def check(block: Block, params: NetworkParams) -> list[str]:
         "network/depth": (0.0, np.inf),
         "network/confidence": (0.0, 1.0),
         "network/share": (0.0, 1.0),
+        "network/blend": (0.0, 1.0),
         "network/numbers": (-65504.0, 65504.0),
         "network/turn": (-65504.0, 65504.0),
         "network/axes": (-np.pi / 4 - 1e-6, np.pi / 4 + 1e-6),

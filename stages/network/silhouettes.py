@@ -45,7 +45,7 @@ def held(rig: Rig, view: int, depth: np.ndarray, learned: Learned, silhouettes: 
 
     A point may lie `TOLERANCE` px outside, or as far as its start does: a silhouette that is wrong as a whole forbids
     nothing. As in the hull a view carves what it sees, not what lies beside its picture or behind its camera.
-    Confidence falls with the share that is kept.
+    Confidence and the share of what the heads say fall with the part of the change that is kept.
     """
     others = silhouettes.kept({*silhouettes.views} - {view})
     rows, columns = np.nonzero((depth > 0) & (learned.inverse_depth != 0) & np.isfinite(learned.inverse_depth))
@@ -54,17 +54,16 @@ def held(rig: Rig, view: int, depth: np.ndarray, learned: Learned, silhouettes: 
     )
     inverse = 1 / depth[rows, columns].astype(np.float64)
     change = np.clip(learned.inverse_depth[rows, columns].astype(np.float64), -FURTHEST * inverse, FURTHEST * inverse)
-    share = np.ones(depth.shape, np.float32)
-    share[rows, columns] = _shares(
-        origin, directions, inverse, change, others.distance, others.projections, others.sizes
-    )
+    kept = np.ones(depth.shape, np.float32)
+    kept[rows, columns] = _kept(origin, directions, inverse, change, others.distance, others.projections, others.sizes)
     moved = learned.inverse_depth.copy()
-    moved[rows, columns] = np.where(share[rows, columns] == 1, moved[rows, columns], share[rows, columns] * change)
-    return replace(learned, inverse_depth=moved, confidence=np.minimum(share, 1) * learned.confidence)
+    moved[rows, columns] = np.where(kept[rows, columns] == 1, moved[rows, columns], kept[rows, columns] * change)
+    less = np.minimum(kept, 1)
+    return replace(learned, inverse_depth=moved, confidence=less * learned.confidence, share=less * learned.share)
 
 
 @njit(cache=True, nogil=True)
-def _shares(
+def _kept(
     origin: np.ndarray,
     directions: np.ndarray,
     inverse: np.ndarray,

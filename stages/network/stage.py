@@ -19,7 +19,7 @@ def needs(shape: Shape, params: NetworkParams) -> Resources:
     """Pictures, maps and results of all views, and the features of one pair (`fast` takes 0.26 kB a pixel of both
     windows, `base` 0.51, 0.77 in float32, measured at 512 px)."""
     pixels = shape["y"] * shape["x"]
-    return Resources(cpu=1, ram=pixels * (shape["frame"] * shape["view"] * 38 + shape["view"] * 64 + 2500) + 2**28)
+    return Resources(cpu=1, ram=pixels * (shape["frame"] * shape["view"] * 40 + shape["view"] * 64 + 2500) + 2**28)
 
 
 def unneeded(params: NetworkParams, facts: Facts) -> str | None:
@@ -46,7 +46,7 @@ def _heatmaps(params: NetworkParams, facts: Facts) -> bool:
 STAGE = Stage(
     name=NETWORK,
     summary="Refine depth and Gaussians by what the trained network sees in pairs of views.",
-    version=3,
+    version=4,
     run="posegaussian.stages.network.run:run",
     check="posegaussian.stages.network.run:check",
     reads=(
@@ -71,7 +71,7 @@ STAGE = Stage(
             ("frame", "view", "y", "x"),
             "float16",
             "1",
-            "Share of the learned value in the blend; 0 = the analytic one alone.",
+            "Probability that the network's depth is nearer to the truth than the analytic one; 0 where none is said.",
             keep="until_done",
         ),
         ArraySpec(
@@ -79,7 +79,15 @@ STAGE = Stage(
             ("frame", "view", "one"),
             "float32",
             "1",
-            "Mean of that share over the view's surface; 0 without one.",
+            "Mean of that probability over the view's surface; 0 without one.",
+        ),
+        ArraySpec(
+            "network/blend",
+            ("frame", "view", "y", "x"),
+            "float16",
+            "1",
+            "Share of what the heads say of scale, rotation and opacity; 0 = the analytic ones alone.",
+            keep="until_done",
         ),
         ArraySpec(
             "network/numbers",

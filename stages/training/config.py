@@ -207,6 +207,9 @@ class TrainingConfig(Params):
         " the start.",
         ge=0,
     )
+    silence: float = setting(
+        0.5, "Weight of the cross entropy of the shares with 0 where nothing can be learnt about depth.", ge=0
+    )
     render: float = setting(
         20.0,
         "Weight of the rendered picture: px of disparity count in units, shares of brightness in hundredths; beta and"

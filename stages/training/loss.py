@@ -71,12 +71,12 @@ def together(examples: Sequence[Example], device: torch.device) -> Batch:
 
 def depth_terms(prediction: Prediction, batch: Batch, config: TrainingConfig) -> torch.Tensor:
     """Of the sequence, of the trust that blends its last step over the start, of the learned disparity, of what comes
-    out, and of the confidence.
+    out, of the confidence, and of shares where nothing can be learnt.
 
     The confidence is the probability that the learned disparity is nearer to the truth than the start: its cross
     entropy with whether it is, and nothing else, teaches it (Kendall and Gal 2017 weigh the error by it instead, and
-    what then comes out is no probability). Where the views do not fit, nothing is asked of what is learnt, but that no
-    confidence goes with it.
+    what then comes out is no probability). The shares learn from what comes out, disparity and picture. Where the views
+    do not fit, nothing is asked of what is learnt, but that neither confidence nor a share goes with it.
     """
     views, truth, valid = batch.views, batch.truth, batch.valid
     fits = valid & ~batch.strange
@@ -90,9 +90,12 @@ def depth_terms(prediction: Prediction, batch: Batch, config: TrainingConfig) ->
     logit = limited(prediction.numbers["confidence"])
     better = beats(prediction, batch).to(logit.dtype)
     confidence = masked_mean(functional.binary_cross_entropy_with_logits(logit, better, reduction="none"), valid)
+    shares = limited(prediction.numbers["shares"])
+    silence = masked_mean(functional.softplus(shares), valid & batch.strange)  # the cross entropy with 0
     return (
         sequence_loss(prediction.disparities, truth, fits, config.mu)
         + config.confidence * confidence
+        + config.silence * silence
         + torch.stack([w * masked_mean((d - truth).abs(), where) for w, d, where in parts]).sum()
     )
 
@@ -142,8 +145,6 @@ def gaussian_maps(
     analytic, ray = _prior(example, which, depth.detach()[0, 0].cpu().numpy())
     analytic, ray = Prior(*(m.to(disparity.device) for m in analytic)), ray.to(disparity.device)
     numbers = {name: x[direction : direction + 1] for name, x in prediction.numbers.items()}
-    # a probability learns from what came true, not from pictures
-    numbers["confidence"] = numbers["confidence"].detach()
     blended: HeadMaps = blend(analytic, learned(numbers, analytic, ray, network.heads.reach))
     turn = blended.rotation
     return GaussianMaps(

@@ -6,7 +6,7 @@
         where the preset has `further_views`
     D(T), what speaks for it -> depth encoder -> decoder with joint skips -> heads
 
-Everything it says is relative to the analytic start: heads of 0 and a confidence of 0 give the start itself.
+Everything it says is relative to the analytic start: heads of 0 and shares of 0 give the start itself.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ class Prediction:
     numbers: dict[str, torch.Tensor]
     """Of the heads, [B, n, H, W] float32; see `posegaussian.stages.network.model.heads.learned`."""
     change: torch.Tensor
-    """[B, 1, H, W] px: what would be added to the start if the confidence were 1."""
+    """[B, 1, H, W] px: what would be added to the start if its share were 1."""
     disparity: torch.Tensor
-    """[B, 1, H, W] px: the start and the change times the confidence; NaN where there is no start."""
+    """[B, 1, H, W] px: the start and the change times its share; NaN where there is no start."""
     joint: torch.Tensor
     """[B, C, h, w] f_joint, for the loss of pose fusion."""
     pose: torch.Tensor | None
@@ -57,8 +57,13 @@ class Prediction:
 
     @property
     def confidence(self) -> torch.Tensor:
-        """[B, 1, H, W] 0..1 share of the learned value."""
+        """[B, 1, H, W] 0..1 probability that the start with the change is nearer to the truth than the start."""
         return trust(self.numbers["confidence"])
+
+    @property
+    def shares(self) -> torch.Tensor:
+        """[B, 2, H, W] 0..1 of the learned value in the blend: of disparity, and of scale, rotation and opacity."""
+        return trust(self.numbers["shares"])
 
 
 class PoseGaussianNetwork(nn.Module):
@@ -147,10 +152,8 @@ class PoseGaussianNetwork(nn.Module):
             )
         with clock("heads"):
             numbers = self.heads.numbers(decoded.features)
-            share = trust(numbers["confidence"])
             change = moved(numbers, move, self.heads.reach)
-            # what comes out must not teach the confidence: a probability learns from what came true alone
-            disparity = torch.where(known, start + share.detach() * change, torch.nan)
+            disparity = torch.where(known, start + trust(numbers["shares"][:, :1]) * change, torch.nan)
         return Prediction(
             refined.disparities,
             refined.confidence,

@@ -34,7 +34,7 @@ TRUE = np.array([1.0, 0.12, 0.16]), 0.07
 
 
 class Oracle:
-    """Stands for a network: says the same confidence and numbers everywhere, and knows by how much the start is off."""
+    """Stands for a network: says the same numbers and confidence everywhere; knows by how much the start is off."""
 
     preset: Preset = PRESETS["fast"]
     joints = 17
@@ -51,6 +51,7 @@ class Oracle:
             for name, n in (("scale", 3), ("rotation", 3), ("opacity", 2))
         }
         numbers["confidence"] = torch.full_like(views.start, np.log(self.confidence / (1 - self.confidence)))
+        numbers["shares"] = torch.full((2, 2, *views.start.shape[2:]), 1.0)
         self.seen += 1
         return Prediction([], torch.ones_like(views.start), numbers, move, views.start + move, torch.zeros(1), None)
 
@@ -79,7 +80,8 @@ def moves(pair: RectifiedPair, views: dict[int, SourceView]) -> list[np.ndarray]
 def test_what_says_nothing_changes_no_bit() -> None:
     depth = np.random.default_rng(0).uniform(0.5, 9, (40, 30)).astype(np.float32)
     depth[:5] = 0
-    nothing = Learned(np.zeros((40, 30), np.float32), np.zeros((40, 30), np.float32), np.zeros((8, 40, 30), np.float32))
+    none = np.zeros((40, 30), np.float32)
+    nothing = Learned(none, none, none, np.zeros((8, 40, 30), np.float32))
     assert refined(depth, nothing).tobytes() == depth.tobytes()
 
 
@@ -87,13 +89,13 @@ def test_what_says_nothing_changes_no_bit() -> None:
 def test_what_is_no_number_changes_nothing(said: float) -> None:
     depth = np.array([[0.0, 2.0, 3.0]], np.float32)
     change = np.array([[said, said, 0.0]], np.float32)
-    assert refined(depth, Learned(change, change, np.zeros((8, 1, 3), np.float32))).tobytes() == depth.tobytes()
+    assert refined(depth, Learned(change, change, change, np.zeros((8, 1, 3), np.float32))).tobytes() == depth.tobytes()
 
 
 def test_inverse_depth_is_changed_within_a_bound_and_no_surface_comes_up() -> None:
     depth = np.array([[0.0, 2.0, 2.0, 2.0]], np.float32)
     change = np.array([[0.3, 0.05, 30.0, -30.0]], np.float32)
-    found = refined(depth, Learned(change, change, np.zeros((8, 1, 4), np.float32)))
+    found = refined(depth, Learned(change, change, change, np.zeros((8, 1, 4), np.float32)))
     np.testing.assert_allclose(found[0], [0, 1 / 0.55, 2 / (1 + FURTHEST), 2 / (1 - FURTHEST)], rtol=1e-6)
 
 
@@ -120,7 +122,7 @@ def test_a_true_move_gives_the_true_depth_whatever_the_pictures_shape(size: tupl
         assert not said.confidence[start == 0].any()
 
 
-def test_confidence_and_numbers_arrive_as_they_were_said() -> None:
+def test_confidence_share_and_numbers_arrive_as_they_were_said() -> None:
     rig = two_cameras()
     views = shown(rig)
     oracle = Oracle([0.0, 0.0], confidence=0.3)
@@ -130,6 +132,8 @@ def test_confidence_and_numbers_arrive_as_they_were_said() -> None:
     assert 0.01 < abs(turn) < 0.1  # the pair's rows are not quite the picture's
     said = float(trust(torch.tensor(np.log(0.3 / 0.7))))
     np.testing.assert_allclose(found.confidence[found.confidence > 0], said, rtol=1e-5)
+    np.testing.assert_allclose(found.share[found.share > 0], float(trust(torch.tensor(1.0))), rtol=1e-5)
+    np.testing.assert_array_equal(found.share > 0, found.confidence > 0)
     assert found.numbers.shape[0] == NUMBERS
     expected = np.repeat([0.3, 0.3, 0.2], [3, 3, 2])
     expected[3:5] = 0.3 * (np.cos(turn) + np.sin(turn)), 0.3 * (np.cos(turn) - np.sin(turn))
@@ -144,7 +148,8 @@ def test_confidence_and_numbers_arrive_as_they_were_said() -> None:
 
 def said_by_chance(shape: tuple[int, int] = (2, 3)) -> Learned:
     numbers = np.random.default_rng(0).normal(size=(NUMBERS, *shape)).astype(np.float32)
-    return Learned(np.zeros(shape, np.float32), np.ones(shape, np.float32), numbers)
+    everywhere = np.ones(shape, np.float32)
+    return Learned(np.zeros(shape, np.float32), everywhere, everywhere, numbers)
 
 
 def test_four_quarter_turns_are_none_and_two_turn_what_leans_a_normal_round() -> None:
@@ -168,12 +173,18 @@ def test_what_leans_a_normal_keeps_its_length_and_is_turned_back_by_the_opposite
 
 def test_what_pairs_say_is_averaged_by_their_confidence() -> None:
     a, b = (
-        Learned(np.full((1, 3), x, np.float32), np.array(c, np.float32)[None], np.full((8, 1, 3), x, np.float32))
+        Learned(
+            np.full((1, 3), x, np.float32),
+            np.array(c, np.float32)[None],
+            np.full((1, 3), 0.1 * x, np.float32),
+            np.full((8, 1, 3), x, np.float32),
+        )
         for x, c in ((1.0, [0.2, 0.5, 0.0]), (4.0, [0.6, 0.0, 0.0]))
     )
     both = _merged([a, b])
     np.testing.assert_allclose(both.inverse_depth[0], [3.25, 1, 0], rtol=1e-6)
     np.testing.assert_allclose(both.confidence[0], [0.5, 0.5, 0], rtol=1e-6)
+    np.testing.assert_allclose(both.share[0], [0.325, 0.1, 0], rtol=1e-6)
     np.testing.assert_allclose(both.numbers[:, 0], np.broadcast_to([3.25, 1, 0], (8, 3)), rtol=1e-6)
     assert _merged([a]) is a
     swapped = _merged([b, a])

@@ -47,7 +47,7 @@ def said(shaken: PoseGaussianNetwork, views: PairViews) -> Prediction:
     return shaken(views, 3)
 
 
-def test_a_confidence_of_0_is_the_start_to_the_bit(
+def test_shares_of_0_are_the_start_to_the_bit(
     shaken: PoseGaussianNetwork, views: PairViews, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("posegaussian.stages.network.model.network.trust", lambda x: torch.zeros_like(x))
@@ -58,11 +58,12 @@ def test_a_confidence_of_0_is_the_start_to_the_bit(
 
 def test_an_untrained_network_moves_by_what_the_cells_lose_alone(views: PairViews) -> None:
     """Its heads are 0, the refinement stays at the start's cells:
-    half of what a cell of 8 px blurs, by a confidence of sigmoid(1)."""
+    half of what a cell of 8 px blurs, by a confidence and shares of sigmoid(1)."""
     plain = network(shaken=False)(views, 2)
     for name, x in plain.numbers.items():
-        assert bool(x.any()) == (name == "confidence")
-    torch.testing.assert_close(plain.confidence, torch.full_like(plain.confidence, torch.sigmoid(torch.tensor(1.0))))
+        assert bool(x.any()) == (name in ("confidence", "shares"))
+    for said in (plain.confidence, plain.shares):
+        torch.testing.assert_close(said, torch.full_like(said, torch.sigmoid(torch.tensor(1.0))))
     assert torch.equal(plain.disparities[0], plain.disparities[1])
     known = views.known
     torch.testing.assert_close(plain.change[known], (plain.disparities[-1] - views.start)[known] / 2)

@@ -82,6 +82,7 @@ def test_sources_get_depth_where_they_had_one_and_other_views_get_zeros(
         "network/depth": (np.float32, (FRAMES, 4, SIDE, SIDE)),
         "network/confidence": (np.float16, (FRAMES, 4, SIDE, SIDE)),
         "network/share": (np.float32, (FRAMES, 4, 1)),
+        "network/blend": (np.float16, (FRAMES, 4, SIDE, SIDE)),
         "network/numbers": (np.float16, (FRAMES, 4, 8, SIDE, SIDE)),
     }
     assert not any(a[:, 3].any() for a in whole.values())

@@ -46,7 +46,8 @@ def depth(rig: Rig) -> np.ndarray:
 def said(depth: np.ndarray, x: float | np.ndarray) -> Learned:
     """A change after which the points lie at `x` along the first camera's axis, `AWAY` before it."""
     change = np.where(depth > 0, 1 / (AWAY - x) - 1 / np.where(depth > 0, depth, 1), 0).astype(np.float32)
-    return Learned(change, (depth > 0).astype(np.float32), np.zeros((8, *depth.shape), np.float32))
+    everywhere = (depth > 0).astype(np.float32)
+    return Learned(change, everywhere, everywhere / 2, np.zeros((8, *depth.shape), np.float32))
 
 
 def outside(rig: Rig, depth: np.ndarray, silhouettes: Silhouettes, view: int = 1) -> np.ndarray:
@@ -73,6 +74,7 @@ def test_a_point_that_nearly_reached_a_surface_goes_on_to_it(
     # The silhouette's edge, the tolerance of 0.0125 m before it and a step of a sixteenth of 0.62 m behind it.
     assert FAR[0] + RADIUS - 0.06 < middle(refined(depth, learned)) < FAR[0] + RADIUS + 0.02
     assert learned.confidence.max() == 1
+    assert learned.share.max() == 0.5
 
 
 def test_a_point_that_has_just_left_its_surface_goes_back_to_it(
@@ -83,6 +85,7 @@ def test_a_point_that_has_just_left_its_surface_goes_back_to_it(
     assert NEAR[0] - RADIUS - 0.02 < middle(refined(depth, learned)) < NEAR[0] - RADIUS + 0.04
     # 0.30 of 0.35 m.
     assert learned.confidence[SIZE[1] // 2, SIZE[0] // 2] == pytest.approx(0.85, abs=0.07)
+    np.testing.assert_array_equal(learned.share, learned.confidence / 2)
 
 
 def test_what_stays_inside_and_what_is_no_number_keep_every_bit(
@@ -92,7 +95,9 @@ def test_what_stays_inside_and_what_is_no_number_keep_every_bit(
     for learned in (
         said(depth, FAR[0]),
         said(depth, np.nan),
-        Learned(np.zeros_like(depth), np.zeros_like(depth), np.zeros((8, *depth.shape), np.float32)),
+        Learned(
+            np.zeros_like(depth), np.zeros_like(depth), np.zeros_like(depth), np.zeros((8, *depth.shape), np.float32)
+        ),
     ):
         again = held(rig, 0, depth, learned, silhouettes)
         inner = cv2.erode((depth > 0).astype(np.uint8), np.ones((21, 21), np.uint8)) > 0

@@ -1,4 +1,4 @@
-"""The parts of a step's loss: nothing to learn from costs nothing, and Gaussians of no confidence are the prior's."""
+"""The parts of a step's loss: nothing to learn from costs nothing, and Gaussians of no share are the prior's."""
 
 from dataclasses import replace
 
@@ -76,16 +76,16 @@ def test_depth_costs_what_it_is_off_whatever_the_confidence(learner: PoseGaussia
     assert float(depth_terms(exact, batch, CONFIG)) == pytest.approx(2 * (1 + 0.3 + 1 + 2) + entropy, rel=1e-4)
 
 
-def test_views_that_do_not_fit_teach_no_depth_but_no_confidence(learner: PoseGaussianNetwork, example: Example) -> None:
-    """The same pair beside itself, shown as strange:
-    the learned change has no gradient from it, and less confidence is better."""
+def test_views_that_do_not_fit_teach_no_depth_but_to_be_silent(learner: PoseGaussianNetwork, example: Example) -> None:
+    """The same pair beside itself, shown as strange: the learned change has no gradient from it, and less confidence
+    and smaller shares are better."""
     batch = together([replace(example, strange=True)], torch.device("cpu"))
     assert bool(batch.strange.all())
     learner.zero_grad()
     depth_terms(learner(batch.views, 1), batch, CONFIG).backward()
     confidence = learner.heads.last["confidence"].bias.grad
     assert confidence is not None
-    assert float(confidence.sum()) > 0
+    assert all(float(of_one.sum()) > 0 for of_one in confidence.chunk(3))
     learner.zero_grad()
     said = learner(batch.views, 1)
     depth_terms(replace(said, disparity=said.disparity.detach()), batch, CONFIG).backward()
@@ -101,7 +101,7 @@ def test_pairs_are_put_together_where_start_and_truth_are_known(example: Example
     assert torch.equal(valid[:2], torch.isfinite(example.truth) & example.views.known)
 
 
-def test_gaussians_of_no_confidence_are_the_priors(
+def test_gaussians_of_no_share_are_the_priors(
     learner: PoseGaussianNetwork, example: Example, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("posegaussian.stages.network.model.heads.trust", lambda x: torch.zeros_like(x))
@@ -136,7 +136,7 @@ def test_true_depth_draws_the_held_out_picture_better_than_the_start(
     assert errors[0] < 0.7 * errors[1]
 
 
-def test_the_picture_moves_every_head_that_draws_but_the_confidence(
+def test_the_picture_moves_every_head_that_draws_and_no_confidence(
     learner: PoseGaussianNetwork, example: Example
 ) -> None:
     learner.zero_grad()
@@ -144,8 +144,9 @@ def test_the_picture_moves_every_head_that_draws_but_the_confidence(
     render.backward()
     for name, last in learner.heads.last.items():
         if name == "confidence":
-            assert last.bias.grad is None, "a probability is not taught by what looks well"
-            continue
+            said, *shares = last.bias.grad.chunk(3)
+            assert not bool(said.any()), "a probability is not taught by what looks well"
+            assert all(bool(share.any()) for share in shares)
         assert torch.isfinite(last.bias.grad).all(), name
         assert bool(last.bias.grad.any()), name
 

@@ -164,7 +164,7 @@ def test_opacity_is_blended_by_the_cosine_and_0_from_behind() -> None:
 @pytest.mark.parametrize("upscale", [1, 2])
 @pytest.mark.parametrize("rotation", ["normal", "quaternion"])
 @pytest.mark.parametrize("opacity", [1, 2])
-def test_untrained_heads_give_the_prior_and_a_confidence_of_plus_1(upscale: int, rotation: str, opacity: int) -> None:
+def test_untrained_heads_give_the_prior_and_shares_of_plus_1(upscale: int, rotation: str, opacity: int) -> None:
     p, rays = prior()
     features = torch.randn(1, 8, 4 // upscale, 6 // upscale, generator=torch.Generator().manual_seed(5))
     heads = Heads(8, rotation, opacity, upscale)
@@ -173,8 +173,9 @@ def test_untrained_heads_give_the_prior_and_a_confidence_of_plus_1(upscale: int,
     torch.testing.assert_close(found.disparity, p.disparity)
     torch.testing.assert_close(found.scale, p.scale)
     assert found.rotation.shape[1] == (3 if rotation == "normal" else 4)
+    there = p.surface.expand_as(found.shares)
     torch.testing.assert_close(
-        found.confidence[p.surface], torch.full_like(found.confidence[p.surface], torch.sigmoid(torch.tensor(1.0)))
+        found.shares[there], torch.full_like(found.shares[there], torch.sigmoid(torch.tensor(1.0)))
     )
     assert not any(bool(m[..., 0].any()) for m in found)  # no surface, no Gaussian
     said = heads.numbers(features)
@@ -183,7 +184,7 @@ def test_untrained_heads_give_the_prior_and_a_confidence_of_plus_1(upscale: int,
     torch.testing.assert_close(change, torch.full_like(change, 0.5))
     (sum(m.sum() for m in found) + change.sum()).backward()
     assert all(torch.isfinite(v.grad).all() for v in heads.parameters())
-    assert {name for name, last in heads.last.items() if bool(last.bias.grad.any())} == set(said)
+    assert {name for name, last in heads.last.items() if bool(last.bias.grad.any())} == set(said) - {"shares"}
 
 
 def test_a_move_is_taken_in_part_and_a_change_of_its_own_is_bounded() -> None:
@@ -196,13 +197,23 @@ def test_a_move_is_taken_in_part_and_a_change_of_its_own_is_bounded() -> None:
     torch.testing.assert_close(own, torch.full_like(own, 2.0), rtol=1e-4, atol=0)
 
 
-def test_a_confidence_of_0_is_the_prior_to_the_bit() -> None:
+@pytest.mark.parametrize("of_disparity", [0.0, 1.0])
+@pytest.mark.parametrize("of_looks", [0.0, 1.0])
+def test_a_share_of_0_is_the_prior_and_one_of_1_what_is_learnt(of_disparity: float, of_looks: float) -> None:
+    """Disparity has a share of its own: to the bit, where there is a surface."""
     p, _ = prior()
-    wild = HeadMaps(p.disparity + 3, p.scale * 5, -p.normal, 1 - p.opacity, torch.zeros_like(p.disparity))
+    shares = torch.tensor([of_disparity, of_looks])[None, :, None, None].expand(1, 2, *p.disparity.shape[2:])
+    turned = torch.roll(p.normal, 1, dims=1)
+    wild = HeadMaps(p.disparity + 3, p.scale * 5, turned, 1 - p.opacity, shares)
     found = blend(p, wild)
-    for name in ("disparity", "scale", "opacity"):
-        assert torch.equal(getattr(found, name), getattr(p, name))
-    assert torch.equal(found.rotation, p.normal)
+    for name, share, prior_s in (
+        ("disparity", of_disparity, p.disparity),
+        ("scale", of_looks, p.scale),
+        ("opacity", of_looks, p.opacity),
+        ("rotation", of_looks, p.normal),
+    ):
+        expected = torch.where(p.surface, getattr(wild, name) if share else prior_s, prior_s)
+        torch.testing.assert_close(getattr(found, name), expected, rtol=1e-6 if share else 0, atol=0)
 
 
 def test_what_heads_say_is_float32_within_autocast() -> None:
