@@ -66,6 +66,7 @@ SHAPE = {
     "frame": 16,
     "moment": 96,
     "view": 8,
+    "one_view": 8,
     "other_view": 8,
     "y": 1080,
     "x": 1920,

@@ -26,6 +26,7 @@ from benchmarks.report import publish
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.simulation.simulated_run import film_capture, held_out_setting, run_capture
+from posegaussian.stages.frames.exposures import SURFACE, compared, points_in
 from posegaussian.stages.imaging import exposure
 from posegaussian.stages.imaging.color import to_linear, to_srgb
 from posegaussian.stages.simulator.scene import Scene
@@ -66,13 +67,15 @@ def apart(results: Results, stops: np.ndarray, applied: bool) -> tuple[float, in
     """(Stops between two source cameras after matching, the worst channel of those cameras that are compared with
     another; how many are compared with none), where each is brighter by `stops` [S]."""
     sources = list(results.context.views.sources)
-    surface = results.context.evidence("frames").noted["survey/surface"][:, sources]
+    evidence = results.context.evidence("frames")
+    known = compared(evidence.facts) in evidence.noted  # else features settled it
+    surface = points_in(evidence) if known else evidence.noted[SURFACE][:, sources]
     enough = (surface < exposure.NONE).all(axis=-1).sum(axis=-1) >= exposure.FEWEST_POINTS  # [S, S]
-    compared = (enough | enough.T).any(axis=1)
+    linked = (enough | enough.T).any(axis=1)
     found = exposure.match(surface)
     gains = np.log2(found.gains) if applied and found is not None else np.zeros((len(sources), 3))
-    light = (gains + stops[:, None])[compared]
-    return float(np.ptp(light, axis=0).max()) if compared.any() else float(np.ptp(stops)), int((~compared).sum())
+    light = (gains + stops[:, None])[linked]
+    return float(np.ptp(light, axis=0).max()) if linked.any() else float(np.ptp(stops)), int((~linked).sum())
 
 
 def rows_of(cell: Cell) -> list[dict[str, Any]]:

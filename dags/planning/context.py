@@ -358,6 +358,7 @@ class Context:
             "frame": len(self.source_frames),
             "moment": len(self.source_frames),
             "view": len(self.rig),
+            "one_view": len(self.rig),
             "other_view": len(self.rig),
             "y": int(self.rig.size[:, 1].max()),
             "x": int(self.rig.size[:, 0].max()),

@@ -5,13 +5,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from posegaussian.stages.contract.facts import fact
+from posegaussian.stages.contract.facts import FEW_SOURCES, Facts, fact
 
 DEPTH, EXPOSURE, COLOR, LEARNED = "judge/depth", "judge/exposure", "judge/color", "judge/network"
 POSE = "judge/pose"
 """[picture, candidate, measure] of the depth methods, the worst quality level first; without and with exposure gains;
 without and with colours blended by angle; without the network and with the weights that ship, by name; without and with
 views weighed by their joints."""
+SHARED_LIGHT = "judge/shared_light"
+"""[V, V, point, 3] by how much cameras differ in brightness at points that both see."""
 MEASURES = ("psnr", "ssim", "coverage")
 """PSNR in dB and SSIM in the person's box, each channel's light fitted to the photograph's; share of the person that is
 covered."""
@@ -24,6 +26,11 @@ NO_MATTE = "everything is foreground (frames.matte comes to none): nothing says 
 """Why no picture of a left-out view is compared."""
 FEWEST = 3
 """Source views of which one can be left out: two draw it."""
+
+
+def may_judge(facts: Facts) -> bool:
+    """Whether left-out views can be drawn, as far as the capture's facts tell."""
+    return FEW_SOURCES not in facts and bool(facts & set(MATTES.values()))
 
 
 def mean_scores(scores: np.ndarray) -> np.ndarray | None:

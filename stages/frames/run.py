@@ -9,7 +9,9 @@ import numpy as np
 
 from posegaussian.stages.contract.facts import GIVEN_DEPTH, SEVERAL_FRAMES, TRUTH_DEPTH
 from posegaussian.stages.contract.io import Block, Inputs
+from posegaussian.stages.contract.judged import SHARED_LIGHT
 from posegaussian.stages.frames.effects import NO_LINK, proven_offsets, white_point
+from posegaussian.stages.frames.exposures import SURFACE, compared
 from posegaussian.stages.frames.facts import (
     AVERAGED_WITH,
     EXPOSURE_MATCHING,
@@ -188,9 +190,12 @@ def _offset(inputs: Inputs) -> float:
 
 
 def _gain(inputs: Inputs, view: int) -> np.ndarray:
-    """[3] factor on the light of one source view, from what the survey saw of all of them."""
-    sources = inputs.views.sources
-    found = match(np.stack([inputs.read("survey/surface", v) for v in sources])[:, list(sources)])
+    """[3] factor on the light of one source view, from what was seen of all of them, as decided by."""
+    sources = list(inputs.views.sources)
+    if compared(inputs.facts) == SURFACE:
+        found = match(np.stack([inputs.read(SURFACE, v) for v in sources])[:, sources])
+    else:
+        found = match(inputs.read(SHARED_LIGHT)[np.ix_(sources, sources)])
     if found is None:
         raise SourceError(f"effects.exposure_matching is on, but {NO_LINK}; set it to auto or off")
     return found.gains[sources.index(view)]

@@ -18,9 +18,10 @@ from posegaussian.stages.contract.facts import (
     Facts,
 )
 from posegaussian.stages.contract.io import Views
-from posegaussian.stages.contract.judged import MATTES
+from posegaussian.stages.contract.judged import MATTES, SHARED_LIGHT
 from posegaussian.stages.detection.params import ADDED
 from posegaussian.stages.frames.effects import EXPOSURE_MATCHING, NOISE_AVERAGING, OUTLINE_CORRECTION, TONE_MAPPING
+from posegaussian.stages.frames.exposures import SURFACE, compared
 from posegaussian.stages.frames.facts import AVERAGED_WITH
 from posegaussian.stages.frames.params import (
     FramesParams,
@@ -159,7 +160,8 @@ STAGE = Stage(
         Read("pose/chosen", when=_segmented),
         Read("pose/joints2d", views="own", when=_person),
         Read("pose/joints3d", when=_person),
-        Read("survey/surface", views="sources", when=_matched),
+        Read(SURFACE, views="sources", when=lambda p, f: _matched(p, f) and compared(f) == SURFACE),
+        Read(SHARED_LIGHT, when=lambda p, f: _matched(p, f) and compared(f) == SHARED_LIGHT),
         Read("survey/outlines", views="own", when=_corrected),
         Read("survey/light", views="sources", when=_tone_mapped),
     ),

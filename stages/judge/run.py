@@ -18,18 +18,23 @@ from posegaussian.stages.contract.judged import (
     MEASURES,
     NONE,
     POSE,
+    SHARED_LIGHT,
     mean_scores,
 )
 from posegaussian.stages.depth.choice import best_of as best_method
 from posegaussian.stages.depth.methods.registry import BY_PICTURES, METHODS
 from posegaussian.stages.depth.params import AUTO
+from posegaussian.stages.frames.exposures import SURFACE, points_of
 from posegaussian.stages.imaging.color import gain_table
-from posegaussian.stages.imaging.exposure import match
+from posegaussian.stages.imaging.exposure import NONE as UNSEEN
+from posegaussian.stages.imaging.exposure import Matching, match
 from posegaussian.stages.judge.body import body_facts
 from posegaussian.stages.judge.drawing import scores, with_gaussians
 from posegaussian.stages.judge.footage import frames_of
 from posegaussian.stages.judge.learned import learned, with_joints
 from posegaussian.stages.judge.left_out import left_out
+from posegaussian.stages.judge.light import POINTS, shared_light
+from posegaussian.stages.judge.memory import Frames
 from posegaussian.stages.judge.params import JudgeParams
 from posegaussian.stages.network.choice import CANDIDATES
 from posegaussian.stages.network.choice import best_of as best_weights
@@ -42,13 +47,16 @@ PLAIN, BLENDED, WEIGHED = (Facts(frozenset(on)) for on in ((), (VIEW_DEPENDENT_C
 
 def run(inputs: Inputs, params: JudgeParams) -> Iterator[Block]:
     """Yield `judge/depth`, `judge/exposure`, `judge/network`, `judge/pose` and `judge/color` [picture, candidate,
-    measure], as far as asked for.
+    measure], and `judge/shared_light` [V, V, point, 3], as far as asked for.
 
     Depth methods are compared in pictures without gains: what they match does not follow from a camera's exposure.
     Gains are compared by the method that is picked, or that is set, and colours by angle with the gains that drew best.
     """
     asked = [name for name in (DEPTH, EXPOSURE, LEARNED, POSE, COLOR) if name in inputs.facts]
     found = dict(_compared(inputs, params, asked)) if len(inputs.views.sources) >= FEWEST else {}
+    if SHARED_LIGHT in inputs.facts:
+        light = found.get(SHARED_LIGHT)
+        yield Block(SHARED_LIGHT, _features(inputs) if light is None else light)
     for name in asked:
         out = np.full((params.frames * params.views, COUNT[name], len(MEASURES)), NONE)
         drawn = found.get(name, out[:0])
@@ -57,7 +65,7 @@ def run(inputs: Inputs, params: JudgeParams) -> Iterator[Block]:
 
 
 def _compared(inputs: Inputs, params: JudgeParams, asked: list[str]) -> Iterator[tuple[str, np.ndarray]]:
-    """(array, [picture, candidate, measure])."""
+    """(array, [picture, candidate, measure]), and the light that views share."""
     depth, views = inputs.settings["depth"], left_out(inputs.rig, inputs.views.sources, params.views)
     frames = frames_of(inputs, params.frames)
     filmed = frames.read("frames/color")
@@ -73,10 +81,11 @@ def _compared(inputs: Inputs, params: JudgeParams, asked: list[str]) -> Iterator
         means = mean_scores(by_method)
         best = best if means is None else methods[best_method(means)]
     chosen, reached = made[best], drawn[best]
-    if EXPOSURE in asked:
-        matched = chosen.with_array("frames/color", _matched(inputs, filmed))
-        after = scores(matched, filmed, views, PLAIN)
-        yield EXPOSURE, np.stack([reached, after], axis=1)
+    if SHARED_LIGHT in inputs.facts:
+        points, matched, after = _evened(inputs, chosen, reached, filmed, views)
+        yield SHARED_LIGHT, points
+        if EXPOSURE in asked:
+            yield EXPOSURE, np.stack([reached, after], axis=1)
         chosen, reached = (matched, after) if _psnr(after) >= _psnr(reached) else (chosen, reached)
     if LEARNED in asked:
         tried = [chosen, *learned(inputs, chosen)]
@@ -97,11 +106,36 @@ def _psnr(drawn: np.ndarray) -> float:
     return 0.0 if means is None else float(means[0, 0])
 
 
-def _matched(inputs: Inputs, color: np.ndarray) -> np.ndarray:
-    """Pictures [F, V, h, w, 3] with the gains that exposure matching would give the source views."""
-    sources, out = list(inputs.views.sources), color.copy()
-    found = match(np.stack([inputs.read("survey/surface", v) for v in sources])[:, sources])
-    for v, gain in zip(sources, found.gains if found is not None else (), strict=found is not None):
+def _evened(
+    inputs: Inputs, plain: Frames, reached: np.ndarray, filmed: np.ndarray, views: list[int]
+) -> tuple[np.ndarray, Frames, np.ndarray]:
+    """`judge/shared_light`: features with what depth shows of the surface, or alone, whichever gains draw left-out
+    views better; the frames with these gains, and what they score (`reached` where there are none)."""
+    sources, features = list(inputs.views.sources), _features(inputs)
+    measured, tried = (points_of(features, shared_light(plain)), features), []
+    for points in measured:
+        color = _with_gains(filmed, sources, match(points[np.ix_(sources, sources)]))
+        if color is not None:
+            made = plain.with_array("frames/color", color)
+            tried.append((points, made, scores(made, filmed, views, PLAIN)))
+    return max(tried, key=lambda t: _psnr(t[2]), default=(measured[0], plain, reached))
+
+
+def _features(inputs: Inputs) -> np.ndarray:
+    """[V, V, 64, 3] what features show of the light that views share; nothing of a view that is no source."""
+    count = len(inputs.rig)
+    out = np.full((count, count, POINTS, 3), UNSEEN, np.float32)
+    for v in inputs.views.sources:
+        out[v] = inputs.read(SURFACE, v)
+    return out
+
+
+def _with_gains(color: np.ndarray, sources: list[int], found: Matching | None) -> np.ndarray | None:
+    """Pictures [F, V, h, w, 3] with the gains of the source views; None where there are none."""
+    if found is None or (found.gains == 1).all():
+        return None
+    out = color.copy()
+    for v, gain in zip(sources, found.gains, strict=True):
         for picture in out[:, v]:
             cv2.LUT(picture, gain_table(gain), dst=picture)
     return out

@@ -15,8 +15,10 @@ from posegaussian.stages.contract.judged import (
     PERSON_MATTE,
     PLATE_MATTE,
     POSE,
+    SHARED_LIGHT,
 )
 from posegaussian.stages.depth.methods.registry import BY_PICTURES
+from posegaussian.stages.frames.exposures import SURFACE
 from posegaussian.stages.imaging.camera_mapping import frames_rig
 from posegaussian.stages.judge.params import JudgeParams
 from posegaussian.stages.network.asset import SHIPPED_NETWORKS
@@ -34,8 +36,8 @@ def needs(shape: Shape, params: JudgeParams) -> Resources:
     )
 
 
-def _exposure(params: JudgeParams, facts: Facts) -> bool:
-    return EXPOSURE in facts
+def _compared(params: JudgeParams, facts: Facts) -> bool:
+    return SHARED_LIGHT in facts
 
 
 def unneeded(params: JudgeParams, facts: Facts) -> str | None:
@@ -70,7 +72,7 @@ def _joints3d(params: JudgeParams, facts: Facts) -> bool:
 STAGE = Stage(
     name="judge",
     summary="Draw left-out source views from the others, choice by choice, on a few reduced frames.",
-    version=1,
+    version=2,
     run="posegaussian.stages.judge.run:run",
     reads=(
         Read.source("pictures", views="sources"),
@@ -81,7 +83,7 @@ STAGE = Stage(
         Read("survey/joint_fit", views="sources", when=_fit),
         Read("survey/plate", views="sources", when=_plate),
         Read("survey/spread", views="sources", when=_plate),
-        Read("survey/surface", views="sources", when=_exposure),
+        Read(SURFACE, views="sources", when=_compared),
         Read.source(SHIPPED_NETWORKS.name, when=lambda p, f: LEARNED in f),
     ),
     writes=(
@@ -102,6 +104,16 @@ STAGE = Stage(
             "1",
             "The same without and with exposure gains.",
             when=EXPOSURE,
+            noted=True,
+        ),
+        ArraySpec(
+            SHARED_LIGHT,
+            ("one_view", "other_view", "point", "rgb"),
+            "float32",
+            "stops",
+            "By how much a source view is brighter than each later one at points that both see, the darkest first, as"
+            " features or the judge's depth show it, whichever draws left-out views better; 99 where there is none.",
+            when=SHARED_LIGHT,
             noted=True,
         ),
         ArraySpec(

@@ -9,8 +9,9 @@ import numpy as np
 
 from posegaussian.stages.contract.declaration import Decision, Effect, Evidence
 from posegaussian.stages.contract.facts import JOINTS2D, JOINTS3D, MASKS, SEGMENTED
-from posegaussian.stages.contract.judged import COLOR, MATTES, POSE, cannot_judge, drawn_at, mean_scores
+from posegaussian.stages.contract.judged import COLOR, MATTES, POSE, SHARED_LIGHT, cannot_judge, drawn_at, mean_scores
 from posegaussian.stages.depth.facts import LIMB_BOUNDS
+from posegaussian.stages.frames.exposures import SURFACE, compared, points_in
 from posegaussian.stages.frames.facts import EXPOSURE_MATCHING
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.imaging.exposure import match
@@ -20,7 +21,7 @@ from posegaussian.stages.survey.algorithms.disagreement import FEWEST, disagreem
 from posegaussian.stages.survey.trust import outlines_agree
 from posegaussian.storage.model.cameras import Rig
 
-COLORS, SURFACE, NOISE = "survey/colors", "survey/surface", "survey/noise"
+COLORS, NOISE = "survey/colors", "survey/noise"
 """What the survey measures for `view_dependent_color`."""
 SCORES = "survey/joint_scores"
 """What the survey measures for `pose_blending`."""
@@ -120,16 +121,18 @@ def _one_view(evidence: Evidence) -> str | None:
 
 
 def _views_disagree(evidence: Evidence, bound: float) -> Decision | None:
-    if not {COLORS, SURFACE, NOISE} <= evidence.noted.keys():
+    if not {COLORS, NOISE} <= evidence.noted.keys():
         return None
-    colors, noise = evidence.noted[COLORS], float(np.median(evidence.noted[NOISE]))
-    matching = (
-        match(evidence.noted[SURFACE][:, list(evidence.sources)]) if EXPOSURE_MATCHING in evidence.facts else None
-    )
-    left, patches = disagreement(colors, np.ones((len(colors), 3)) if matching is None else matching.gains, noise)
+    colors, noise, found = evidence.noted[COLORS], float(np.median(evidence.noted[NOISE])), None
+    left, patches = disagreement(colors, np.ones((len(colors), 3)), noise)
+    if left > bound and EXPOSURE_MATCHING in evidence.facts:
+        if compared(evidence.facts) not in evidence.noted:
+            return None
+        found = match(points_in(evidence))
+        left, patches = disagreement(colors, np.ones((len(colors), 3)) if found is None else found.gains, noise)
     if patches < FEWEST:
         return Decision(False, None, bound, f"cameras share fewer than {FEWEST} patches of the body beside joints")
-    even = " after exposure matching" if matching is not None else ""
+    even = " after exposure matching" if found is not None else ""
     told = (
         f"on patches of the body that cameras share, they differ by {left:.1f}/255{even}, beyond noise of"
         f" {noise:.1f}/255"
@@ -288,6 +291,6 @@ VIEW_DEPENDENT_COLOR = Effect(
     5.0,
     "of 255",
     _views_disagree,
-    asks=(COLORS, SURFACE, NOISE, COLOR),
+    asks=(COLORS, SURFACE, NOISE, SHARED_LIGHT, COLOR),
     lacks=_of_ours(_one_view),
 )

@@ -11,10 +11,13 @@ import pytest
 from posegaussian.dags.diagnostics.effects_table import effects_reasons
 from posegaussian.dags.planning.plan import State
 from posegaussian.dags.runtime.events import EffectsDecided, TaskDone
-from posegaussian.stages.contract.declaration import Picked
-from posegaussian.stages.contract.judged import DEPTH, EXPOSURE, GIVEN_MATTE
+from posegaussian.stages.contract.declaration import Decision, Picked
+from posegaussian.stages.contract.judged import DEPTH, EXPOSURE, GIVEN_MATTE, SHARED_LIGHT
 from posegaussian.stages.depth.choice import TIE, pick
 from posegaussian.stages.depth.methods.registry import BY_PICTURES, METHODS
+from posegaussian.stages.frames.effects import EXPOSURE_MATCHING
+from posegaussian.stages.frames.exposures import SURFACE
+from posegaussian.stages.imaging.exposure import NONE as UNSEEN
 from posegaussian.storage.archive.receipts import scan_receipts, write_receipt
 from posegaussian.storage.archive.store import Archive
 from tests.support.pipeline import NAME, Pipeline, film
@@ -111,18 +114,41 @@ def _picked(p: Pipeline, psnr: np.ndarray) -> Picked:
     return picked
 
 
-def test_the_judge_is_asked_for_gains_only_where_the_survey_proves_a_difference(
-    person_folder: Path, tmp_path: Path
+def features(count: int, stops: float, points: int = 40) -> np.ndarray:
+    """survey/surface of so many source views in a rig of as many, of which the first is brighter by `stops`."""
+    out = np.full((count, count, 64, 3), UNSEEN)
+    out[0, 1:, :points] = stops
+    return out
+
+
+def decided(p: Pipeline, noted: dict[str, np.ndarray]) -> Decision | None:
+    evidence = p.plan().context.evidence("frames")
+    found = replace(evidence, sources=(0, 1, 2), rig=evidence.rig.subset([0, 1, 2]), noted=noted)
+    return EXPOSURE_MATCHING.decide(found, EXPOSURE_MATCHING.threshold)
+
+
+def test_the_judge_is_asked_for_gains_unless_features_show_that_cameras_are_alike(
+    judged: tuple[Pipeline, list],
 ) -> None:
-    """Cameras of the simulator are alike: the survey settles it, and no picture is drawn."""
-    p = Pipeline(
-        tmp_path / "archive", person_folder, ["effects.exposure_matching=auto", "frames.range=0:2", "depth.method=hull"]
-    )
-    p.register()
-    assert EXPOSURE in p.plan().context.effects["exposure_matching"].asks
-    events = p.run()
-    assert "judge" not in {e.task.stage for e in events if isinstance(e, TaskDone)}
-    plan = p.plan()
-    assert plan.all_fresh
-    assert plan.context.effects["exposure_matching"].asks == ("survey/surface",)
-    assert "judge" in plan.unneeded
+    p = judged[0]
+    alike = decided(p, {SURFACE: features(3, 0.1)})
+    assert alike is not None
+    assert not alike.on
+    assert decided(p, {SURFACE: features(3, 0.6)}) is None
+    assert decided(p, {SURFACE: features(3, 0.0, points=0)}) is None, "its depth shows what features do not"
+
+
+def test_gains_are_those_of_the_surface_that_the_judge_saw_and_are_applied_where_they_draw_better(
+    judged: tuple[Pipeline, list],
+) -> None:
+    """Features are half a stop off; the surface says that the first camera is brighter by one, or that none is."""
+    p = judged[0]
+    seen = features(3, 1.0, points=64)
+    better, worse = (np.array([[[20.0, 0.9, 1.0], [psnr, 0.9, 1.0]]]) for psnr in (21.0, 19.0))
+    for light, scores, on in ((seen, better, True), (seen, worse, False), (0 * seen, better, False)):
+        noted = {SURFACE: features(3, 0.5), SHARED_LIGHT: np.where(seen < UNSEEN, light, UNSEEN), EXPOSURE: scores}
+        found = decided(p, noted)
+        assert found is not None
+        assert found.on == on
+        if on:
+            assert "differ by 1.00 stops" in found.reason

@@ -180,5 +180,5 @@ def test_it_is_for_views_that_differ_by_more_than_noise_and_exposure() -> None:
     assert on(evidence(darker, 0.5))
     assert not on(evidence(darker, 0.5, "exposure_matching")), "gains have taken that away"
     assert not on(evidence(np.zeros((2, 192, 3)), 0.5)), "no patch is shared"
-    assert effect.decide(SimpleNamespace(noted={}), 5.0) is None  # type: ignore[arg-type]
+    assert effect.decide(SimpleNamespace(noted={}, facts=frozenset()), 5.0) is None  # type: ignore[arg-type]
     assert "rendering.sources is 1" in (effect.lacks(evidence(glossy, 0.5, sources=1)) or "")  # type: ignore[arg-type]
