@@ -104,6 +104,7 @@ def _made(file: Path, stamp: int) -> Any:
 
     from posegaussian.stages.network.model.network import PoseGaussianNetwork
     from posegaussian.stages.network.weights import load_weights
+    from posegaussian.stages.splatting.device import device
 
     try:
         preset = Preset.from_json(read_card(file).network)
@@ -114,7 +115,7 @@ def _made(file: Path, stamp: int) -> Any:
     for p in network.eval().requires_grad_(False).parameters():
         if p.ndim == 4:  # what convolutions are quickest with
             p.data = p.data.contiguous(memory_format=torch.channels_last)
-    return network
+    return network.to(device())
 
 
 def _named(params: NetworkParams, name: str) -> NetworkParams:

@@ -165,9 +165,13 @@ def look(
 def predict(
     network: PoseGaussianNetwork, views: PairViews, iterations: int, precision: str, timer: Timer | None = None
 ) -> Prediction:
-    """One forward pass without gradients."""
-    with torch.inference_mode(), torch.autocast(views.color.device.type, torch.bfloat16, enabled=precision == "bf16"):
-        return network(views, iterations, only_last=True, timer=timer)
+    """One forward pass without gradients, on the device that the network lies on; what it says is where the views are.
+
+    `timer` is told of a device's work when it is handed out, not when it is done.
+    """
+    views, home = views.to(network.device), views.color.device
+    with torch.inference_mode(), torch.autocast(network.device.type, torch.bfloat16, enabled=precision == "bf16"):
+        return network(views, iterations, only_last=True, timer=timer).to(home)
 
 
 def refined(depth: np.ndarray, learned: Learned) -> np.ndarray:

@@ -19,7 +19,13 @@ def needs(shape: Shape, params: NetworkParams) -> Resources:
     """Pictures, maps and results of all views, and the features of one pair (`fast` takes 0.26 kB a pixel of both
     windows, `base` 0.51, 0.77 in float32, measured at 512 px)."""
     pixels = shape["y"] * shape["x"]
-    return Resources(cpu=1, ram=pixels * (shape["frame"] * shape["view"] * 40 + shape["view"] * 64 + 2500) + 2**28)
+    pair = pixels * 2500
+    return Resources(
+        cpu=1,
+        gpu=1,
+        ram=pixels * (shape["frame"] * shape["view"] * 40 + shape["view"] * 64) + pair + 2**28,
+        vram=pair + 2**28,
+    )
 
 
 def unneeded(params: NetworkParams, facts: Facts) -> str | None:

@@ -18,6 +18,7 @@ from posegaussian.stages.refinement.loss import Filmed
 from posegaussian.stages.refinement.schedule import Schedule
 from posegaussian.stages.rendering.lift import Lifted
 from posegaussian.stages.splatting.definition.scene import Camera, Gaussians, Rendering
+from posegaussian.stages.splatting.device import device
 from posegaussian.stages.splatting.rasterizer import rasterize
 
 USUAL = 0.5
@@ -69,8 +70,10 @@ class Judge:
 
 
 def draw(gaussians: Gaussians, camera: Camera) -> Rendering:
-    """The picture of Gaussians, all of them in it."""
-    return rasterize(gaussians, [camera])
+    """The picture of Gaussians, all of them in it, drawn on the worker's device and brought back to theirs."""
+    home = gaussians.mean.device
+    drawn = rasterize(gaussians.to(device()), [camera])
+    return drawn._replace(color=drawn.color.to(home), alpha=drawn.alpha.to(home))
 
 
 def best_share(refined: np.ndarray, unrefined: np.ndarray, truth: np.ndarray) -> float:

@@ -41,17 +41,13 @@ from posegaussian.stages.rendering.view_color import Photo, color_towards
 from posegaussian.stages.silhouettes.hull import Silhouettes
 from posegaussian.stages.silhouettes.places import agreed
 from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Drawing, Gaussians
+from posegaussian.stages.splatting.device import device
 from posegaussian.stages.splatting.rasterizer import rasterize
 from posegaussian.storage.model.joint_sets import to_set
 
 Picture: TypeAlias = tuple[torch.Tensor, torch.Tensor]
 """Colour [h, w, 3] premultiplied on black, and alpha [h, w]."""
 DTYPES = {"float32": torch.float32, "float64": torch.float64}
-
-
-def device() -> torch.device:
-    """The only place where the device is chosen."""
-    return torch.device("cuda" if torch.cuda.is_available() else "cpu")
 
 
 class MapReader:

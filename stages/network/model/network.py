@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import nn
@@ -54,6 +54,15 @@ class Prediction:
     """[B, C, h, w] f_joint, for the loss of pose fusion."""
     pose: torch.Tensor | None
     """[B, C, h, w] f_pose; None where the decoder does not see the pose."""
+
+    def to(self, device: torch.device) -> Prediction:
+        """The same on a device."""
+        moved = {n: v.to(device) for n, v in vars(self).items() if isinstance(v, torch.Tensor)}
+        disparities, numbers = (
+            [d.to(device) for d in self.disparities],
+            {n: v.to(device) for n, v in self.numbers.items()},
+        )
+        return replace(self, disparities=disparities, numbers=numbers, **moved)
 
     @property
     def confidence(self) -> torch.Tensor:
@@ -102,6 +111,11 @@ class PoseGaussianNetwork(nn.Module):
             preset.stem_stride,
             hidden=channels[0],
         )
+
+    @property
+    def device(self) -> torch.device:
+        """Where its weights lie."""
+        return next(self.parameters()).device
 
     def forward(
         self, views: PairViews, iterations: int, only_last: bool = False, timer: Timer | None = None

@@ -34,6 +34,10 @@ class Gaussians:
         """One set from several, in the order given."""
         return cls(*(torch.cat([getattr(p, name) for p in parts]) for name in cls.__dataclass_fields__))
 
+    def to(self, device: torch.device) -> Gaussians:
+        """The same on a device, differentiable; those that lie there already are not copied."""
+        return Gaussians(*(getattr(self, name).to(device) for name in self.__dataclass_fields__))
+
 
 @dataclass(frozen=True, eq=False)
 class Camera:

@@ -38,6 +38,7 @@ class Oracle:
 
     preset: Preset = PRESETS["fast"]
     joints = 17
+    device = torch.device("cpu")
 
     def __init__(self, moves: list[np.ndarray | float], confidence: float = 0.5) -> None:
         self.moves, self.confidence, self.seen = moves, confidence, 0
