@@ -4,8 +4,11 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 CAPTURES ?= ../shared/captures
+# `make gpu`: a Python of yours with a CUDA build of torch, into which nothing is installed; and minutes of training.
+GPU_PYTHON ?=
+MINUTES ?= 10
 
-.PHONY: help demo test lint bench crash fuzz extreme stability mutations clean
+.PHONY: help demo test lint bench gpu crash fuzz extreme stability mutations clean
 
 help: ## Print every target with what it does.
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "%-20s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -35,7 +38,6 @@ bench-%: $(STAMP)
 bench-effects: RUNS = simulator.effects_time ## What every effect of the simulator costs, and what leaving it out saves.
 bench-first-run: RUNS = pipeline.first_run ## What two workers compile on a first run, each on its own and waiting for one another.
 bench-frame: RUNS = pipeline.frame_time ## Where the seconds of a frame go, stage by stage: eight views of 512 and 1024 px, one thread.
-bench-gpu: RUNS = renderer.gpu_speed ## The renderer on a CUDA device, by any Python with a CUDA build of torch.
 bench-mattes: RUNS = "frames.mattes simulated" "frames.mattes balance $(CAPTURES)/balance" "frames.mattes given $(CAPTURES)/balance" ## Mattes without given masks, of simulated people and of a capture outlined by hand (CAPTURES=FOLDER).
 bench-motorcycle: RUNS = depth.motorcycle ## The offset sweep on a measured stereo pair, beside OpenCV.
 bench-network: RUNS = network.gain ## The trained network over the analytic floor, on simulated people.
@@ -47,6 +49,10 @@ bench-refinement: RUNS = refinement.gain ## Refinement beside per-scene 3D Gauss
 bench-regret: RUNS = quality.regret ## What the decisions about effects cost, scene by scene.
 bench-renderer: RUNS = renderer.cpu_speed ## The renderer beside plain torch, on one thread.
 bench-sweep: RUNS = depth.sweep_time ## What the offset sweep costs, by phase, and a hypothesis beside a plain torch version.
+
+# In .venv, as all else is, Triton is installed, so that without a GPU its interpreter runs the kernels.
+gpu: $(if $(GPU_PYTHON),,$(VENV)/.triton) ## The first thing to run where a GPU is at hand (GPU_PYTHON=PATH MINUTES=10): its tests, every figure, training; one table.
+	$(or $(GPU_PYTHON),$(BIN)/python) -m benchmarks.gpu.table --minutes $(MINUTES)
 
 crash: $(STAMP) ## Kill runs at random moments and compare what they leave with an undisturbed one: some minutes.
 	$(BIN)/python -m pytest -m crash -s tests/crash
@@ -70,6 +76,10 @@ $(STAMP): pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt torch
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
 	touch $(STAMP)
+
+$(VENV)/.triton: $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[gpu]'
+	touch $(VENV)/.triton
 
 clean: ## Remove the virtual environment, the demo's output and caches.
 	rm -rf $(VENV) demo-output .pytest_cache .ruff_cache .mypy_cache .hypothesis

@@ -107,11 +107,19 @@ def _processor() -> str:
     return platform.processor() or platform.machine()
 
 
+def installed(package: str) -> str | None:
+    """Version of a package in this Python; None where it is not installed."""
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
+
+
 def _libraries() -> dict[str, str]:
-    """{library: version} of everything the project depends on."""
+    """{library: version} of everything the project depends on; a Python that is lent for its GPU may lack some."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     names = [Requirement(line).name for line in project["dependencies"]]
-    return {name: metadata.version(name) for name in sorted(names, key=str.lower)}
+    return {name: found for name in sorted(names, key=str.lower) if (found := installed(name))}
 
 
 def _text(value: Any) -> str:

@@ -7,7 +7,7 @@ order, so that two runs give the same bits.
 It is the only engine. gsplat 1.5 computes something else: its constants are compiled in (alpha cap 0.999, stop at
 1e-4), its backward pass adds by atomics in whatever order, intrinsics get no gradient, and what is not finite is
 neither masked nor counted. Beside this one it would make `gpu` two back ends of different numbers under one name.
-benchmarks/renderer/gpu_speed.py times it where it is installed.
+benchmarks/gpu/renderer.py times it where it is installed.
 
 Without a GPU the kernels run on the CPU in Triton's interpreter, slowly, where TRITON_INTERPRET=1 is set before Triton
 is

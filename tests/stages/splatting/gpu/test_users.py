@@ -4,6 +4,7 @@ Triton's interpreter where there is no GPU."""
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import pytest
 import torch
@@ -11,16 +12,16 @@ import torch
 from posegaussian.stages.network.inference import predict
 from posegaussian.stages.refinement import judging
 from posegaussian.stages.splatting import rasterizer
-from posegaussian.stages.splatting.definition.scene import Gaussians
+from posegaussian.stages.splatting.definition.scene import Camera, Gaussians, Rendering
 from posegaussian.stages.splatting.gpu import backend
 from tests.support.gaussian_scenes import NO_GPU, camera, cloud
 from tests.support.network_views import network, random_views
 
 
-def drawn(g: Gaussians) -> tuple[str, list[torch.Tensor]]:
-    """The back end of a step of refinement; its picture, alpha, and gradients."""
+def drawn(g: Gaussians, by: Callable[[Gaussians, Camera], Rendering]) -> tuple[str, list[torch.Tensor]]:
+    """The back end that drew; picture, alpha, and gradients."""
     leaves = [getattr(g, f.name).clone().requires_grad_() for f in dataclasses.fields(g)]
-    out = judging.draw(Gaussians(*leaves), camera(18, 13, 16.0))
+    out = by(Gaussians(*leaves), camera(18, 13, 16.0))
     (out.color.sum() + 2 * out.alpha.sum()).backward()
     gradients = [leaf.grad for leaf in leaves if leaf.grad is not None]
     return out.backend, [out.color.detach(), out.alpha.detach(), *gradients]
@@ -29,13 +30,11 @@ def drawn(g: Gaussians) -> tuple[str, list[torch.Tensor]]:
 @pytest.mark.skipif(NO_GPU is not None, reason=str(NO_GPU))
 def test_a_step_of_refinement_is_drawn_on_the_device_and_back_on_the_cpu(monkeypatch: pytest.MonkeyPatch) -> None:
     g = cloud(30, seed=2, dtype=torch.float32)
-    with monkeypatch.context() as patched:
-        patched.setattr(judging, "device", lambda: torch.device("cpu"))
-        on_cpu, expected = drawn(g)
+    on_cpu, expected = drawn(g, lambda gaussians, cam: rasterizer.rasterize(gaussians, [cam]))
     if backend.interpreted():
         monkeypatch.setattr(rasterizer, "resolve", lambda name, gaussians: "gpu")
         monkeypatch.setattr(backend, "SHAPE", backend.Shape(tile=64, chunk=32))
-    on_device, found = drawn(g)
+    on_device, found = drawn(g, judging.draw)
     assert (on_cpu, on_device) == ("cpu", "gpu")
     assert len(found) == len(expected) == 7
     for a, b in zip(found, expected, strict=True):

@@ -1,27 +1,20 @@
-"""The `gpu` back end on a GPU: milliseconds and memory of a person's picture, and how near it comes to another back
-end.
+"""The `gpu` back end: milliseconds and memory of a person's picture, and how near it comes to another back end.
 
-    python -m benchmarks.renderer.gpu_speed [--repeats 50] [--device cuda:0]
-
-Needs torch, Triton and numpy, and nothing else of the repository's dependencies: the person is made of spheres here, as
-many Gaussians of the same size as that of benchmarks/renderer/workloads.py. Times are medians between CUDA events,
-after warming up; "f" is a picture without gradients, "f+b" one with all of them. Each row is one way to cut the
-kernels' work. It is compared with
-`cpu` where numba is there, else with `reference` on the device, both in float32: thresholds flip for single
-contributions of 1/255, so beside the maximum stands the mean. gsplat's times are printed where it imports and builds.
+The person is made of spheres, as many Gaussians of the same size as that of benchmarks/renderer/workloads.py. The other
+cuts of the kernels' work (`Shape`) are tried at one size. It is compared with `cpu` where numba is there, else with
+`reference` on the device, both in float32: thresholds flip for single contributions of 1/255, so beside the greatest
+difference stands the mean. gsplat's times stand beside it where it imports and builds.
 """
 
 from __future__ import annotations
 
-import argparse
-import statistics
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 import torch
 
-from benchmarks.report import publish
+from benchmarks.gpu.rows import SMALL, UNMEASURED, Row, Setup
 from posegaussian.stages.gaussians.prior import normals, scales
 from posegaussian.stages.rendering.lift import GaussianMaps, lift
 from posegaussian.stages.splatting.definition import reference
@@ -50,7 +43,10 @@ SHAPES = (
     backend.Shape(16, 8, 4),
     backend.Shape(16, 8, 8),
 )
-WARM_UP = 5
+SIZES = (512, 1024, 2048)
+"""Px of the pictures."""
+TRIED_AT = 1024
+"""Px of the pictures at which other cuts are tried."""
 Engine = Callable[[Gaussians, Camera], tuple[torch.Tensor, torch.Tensor]]
 """(colour [h, w, 3], alpha [h, w]) of Gaussians and a camera."""
 
@@ -93,12 +89,12 @@ def seen(cam: Camera) -> tuple[np.ndarray, np.ndarray]:
     return depth, color.astype(np.float32)
 
 
-def person(size: int) -> tuple[Gaussians, Camera]:
-    """About 145,000 pixel-aligned float32 Gaussians of two source views 45 degrees apart,
-    and a camera in their middle."""
+def person(size: int, of: int = SOURCE) -> tuple[Gaussians, Camera]:
+    """About 145,000 pixel-aligned float32 Gaussians of two source views of `of` px 45 degrees apart, and a camera in
+    their middle."""
     target, parts = camera(0.0, size), []
     for degrees in (-22.5, 22.5):
-        source = camera(degrees, SOURCE)
+        source = camera(degrees, of)
         depth, color = seen(source)
         k = np.asarray(source.intrinsics)
         normal = normals(depth, k)
@@ -122,9 +118,8 @@ def placed(g: Gaussians, device: torch.device, gradients: bool) -> Gaussians:
 class Workload:
     """One picture of the person, ready to be drawn by any engine."""
 
-    def __init__(self, size: int, device: torch.device) -> None:
-        gaussians, self.camera = person(size)
-        self.name, self.device = f"person{size}", device
+    def __init__(self, size: int, device: torch.device, of: int = SOURCE) -> None:
+        gaussians, self.camera = person(size, of)
         self.fixed, self.leaves = placed(gaussians, device, False), placed(gaussians, device, True)
         rng = np.random.default_rng(0)
         self.up = [
@@ -146,37 +141,6 @@ class Workload:
                 materialize_grads=True,
             )
         )
-
-    def row(self, name: str, engine: Engine, repeats: int) -> dict[str, Any]:
-        f, f_memory = timed(lambda: self.forward(engine), repeats, self.device)
-        fb, fb_memory = timed(lambda: self.both(engine), repeats, self.device)
-        return {
-            "scene": self.name,
-            "engine": name,
-            "Gaussians": len(self.fixed),
-            "f ms": f,
-            "f+b ms": fb,
-            "f MiB": f_memory,
-            "f+b MiB": fb_memory,
-        }
-
-
-def timed(work: Callable[[], Any], repeats: int, device: torch.device) -> tuple[float, float]:
-    """(median milliseconds, MiB allocated at the peak beyond what was there before)."""
-    for _ in range(WARM_UP):
-        work()
-    torch.cuda.synchronize(device)
-    before = torch.cuda.memory_allocated(device)
-    torch.cuda.reset_peak_memory_stats(device)
-    times = []
-    for _ in range(repeats):
-        start, stop = (torch.cuda.Event(enable_timing=True) for _ in range(2))
-        start.record()
-        work()
-        stop.record()
-        stop.synchronize()
-        times.append(start.elapsed_time(stop))
-    return statistics.median(times), (torch.cuda.max_memory_allocated(device) - before) / 2**20
 
 
 def ours(g: Gaussians, cam: Camera) -> tuple[torch.Tensor, torch.Tensor]:
@@ -240,71 +204,83 @@ def quaternions(r: torch.Tensor) -> torch.Tensor:
     return torch.nn.functional.normalize(rows[torch.arange(len(r), device=r.device), best], dim=1)
 
 
-def compared(work: Workload) -> dict[str, float | str]:
+class Agreement(NamedTuple):
     """How far pictures and gradients lie from another back end's."""
-    name, engine, device = other()
-    there = work if device is None else Workload(work.camera.width, torch.device(device))
+
+    against: str
+    most: float
+    """Greatest difference in colour, sRGB 0..1."""
+    mean: float
+    gradient: float
+    """The largest of the gradients' relative differences."""
+    unlike: int
+    """Gradients that differ between two runs, in any bit."""
+
+
+def compared(size: int, device: torch.device, of: int = SOURCE) -> Agreement:
+    """Of one picture of the person."""
+    name, engine, home = other()
+    work = Workload(size, device, of)
+    there = work if home is None else Workload(size, torch.device(home), of)
     a, b = work.forward(ours)[0].cpu(), there.forward(engine)[0].cpu()
     gradients = [(x.cpu(), y.cpu()) for x, y in zip(work.both(ours), there.both(engine), strict=True)]
-    again = all(torch.equal(x.cpu(), y) for x, (y, _) in zip(work.both(ours), gradients, strict=True))
-    return {
-        "scene": work.name, "against": name, "picture max": float((a - b).abs().max()),
-        "picture mean 1e-6": 1e6 * float((a - b).abs().mean()),
-        "gradient 1e-6": 1e6 * max(float((x - y).norm() / y.norm()) for x, y in gradients),
-        "two runs alike": str(again),
-    }  # fmt: skip
+    unlike = sum(int((x.cpu() != y).sum()) for x, (y, _) in zip(work.both(ours), gradients, strict=True))
+    apart = max(float((x - y).norm() / y.norm()) for x, y in gradients)
+    return Agreement(name, float((a - b).abs().max()), float((a - b).abs().mean()), apart, unlike)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--repeats", type=int, default=50)
-    parser.add_argument("--device", default="cuda")
-    options = parser.parse_args()
-    device = torch.device(options.device)
-    if not torch.cuda.is_available() or backend.lacks(device):
-        print(
-            "Nothing measured: "
-            + (
-                backend.lacks(device)
-                if torch.cuda.is_available()
-                else f"torch {torch.__version__} finds no CUDA device here"
-            )
-            + "."
-        )
+def rows(setup: Setup) -> Iterator[Row]:
+    """Ours and gsplat at every size, other cuts at one."""
+    if lacking := backend.lacks(setup.device):
+        yield Row("renderer", "", f"{UNMEASURED}: {lacking}")
         return
-    try:
-        theirs: Engine | None = by_gsplat()
-        theirs(*tiny(device))
-    except Exception as e:  # its build fails in many ways, none of them ours
-        print(f"gsplat is left out: {type(e).__name__}: {e}")
-        theirs = None
-    rows, agreement = [], []
-    for size in (512, 1024):
-        work = Workload(size, device)
-        agreement.append(compared(work))
-        for shape in SHAPES:
-            backend.SHAPE = shape
-            rows.append(
-                work.row(f"gpu, tile {shape.tile}, chunk {shape.chunk}, warps {shape.warps}", ours, options.repeats)
-            )
-        backend.SHAPE = SHAPES[0]
+    theirs, why = gsplat_on(setup)
+    of, usual = setup.px(SOURCE), backend.SHAPE
+    for size in SIZES:
+        side = f"{size} px"
+        yield from agreement(compared(setup.px(size), setup.device, of), side)
+        work = Workload(setup.px(size), setup.device, of)
+        yield from timings(work, ours, "renderer", side, setup)
         if theirs:
-            rows.append(work.row("gsplat", theirs, options.repeats))
-    versions = {
-        "device": torch.cuda.get_device_name(device),
-        "torch": torch.__version__,
-        "triton": backend.triton_version(),
-    }
-    publish("gpu_renderer", rows, {"repeats": options.repeats, **versions, "agreement": agreement})
-    for line in agreement:
-        print(", ".join(f"{k} {v}" for k, v in line.items()))
+            yield from timings(work, theirs, "gsplat", side, setup)
+        else:
+            yield Row("gsplat", side, why)
+        for shape in SHAPES[1:] if size == TRIED_AT else ():
+            backend.SHAPE = shape
+            name = f"renderer, tile {shape.tile}, chunk {shape.chunk}, warps {shape.warps}"
+            yield from timings(work, ours, name, side, setup)
+        backend.SHAPE = usual
 
 
-def tiny(device: torch.device) -> tuple[Gaussians, Camera]:
-    """The first thousand Gaussians, small: whether an engine runs at all."""
-    g, cam = person(64)
-    return placed(Gaussians(*(getattr(g, n)[:1000] for n in backend.ATTRIBUTES)), device, False), cam
+def agreement(found: Agreement, side: str) -> Iterator[Row]:
+    """Its rows."""
+    beside = f"renderer beside `{found.against}`"
+    yield Row(f"{beside}: greatest difference", side, found.most, "sRGB 0..1")
+    yield Row(f"{beside}: mean difference", side, 1e6 * found.mean, "1e-6")
+    yield Row(f"{beside}: gradients' relative difference", side, 1e6 * found.gradient, "1e-6")
+    yield Row("renderer: gradients that differ between two runs", side, float(found.unlike), wrong=found.unlike > 0)
 
 
-if __name__ == "__main__":
-    main()
+def timings(work: Workload, engine: Engine, name: str, side: str, setup: Setup) -> Iterator[Row]:
+    """Of a picture without gradients, and with all of them."""
+    forward, _ = setup.timed(lambda: work.forward(engine))
+    both, memory = setup.timed(lambda: work.both(engine))
+    yield Row(f"{name}: a picture", side, forward, "ms", setup.name)
+    yield Row(f"{name}: a picture and its gradients", side, both, "ms", setup.name)
+    yield Row(f"{name}: memory of these", side, memory, "MiB", setup.name)
+
+
+def gsplat_on(setup: Setup) -> tuple[Engine | None, str]:
+    """gsplat, or why it does not draw on the device."""
+    try:
+        theirs = by_gsplat()
+    except ImportError:
+        return None, "gsplat is not installed"
+    if setup.small:
+        return None, UNMEASURED
+    try:
+        g, cam = person(SMALL, SMALL)
+        theirs(placed(g, setup.device, False), cam)
+    except Exception as e:  # its build fails in many ways, none of them ours
+        return None, f"gsplat does not draw here: {type(e).__name__}: {str(e).partition(chr(10))[0]}"
+    return theirs, ""
