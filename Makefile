@@ -43,6 +43,7 @@ bench-motorcycle: RUNS = depth.motorcycle ## The offset sweep on a measured ster
 bench-network: RUNS = network.gain ## The trained network over the analytic floor, on simulated people.
 bench-network-time: RUNS = network.speed ## What the network costs for two views, by module, beside plain float32.
 bench-picture: RUNS = pipeline.picture_time ## What a picture takes in the rendering stage, eight views of 512 px, one thread.
+bench-night: RUNS = pipeline.night ## Frames an hour over 200 frames, 8 and 16 cameras of 512 px and 1080p, one worker and two: a day on two cores.
 bench-pose: RUNS = pose.simulated ## Joints in space with every kind of smoothing: ten minutes on two cores.
 bench-quality: RUNS = "quality.views clean --frames 3" "quality.views spoilt" ## Simulated people, every kind of depth, the floor's gates: about an hour and a half on two cores.
 bench-refinement: RUNS = refinement.gain ## Refinement beside per-scene 3D Gaussian splatting: about an hour on two cores.

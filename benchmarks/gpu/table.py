@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -27,7 +26,8 @@ import torch
 
 from benchmarks.gpu.part import PARTS, measured
 from benchmarks.gpu.rows import Row, Setup
-from benchmarks.report import RESULTS, ROOT, installed, provenance, publish, rounded
+from benchmarks.processes import environment
+from benchmarks.report import RESULTS, installed, provenance, publish, rounded
 
 COLUMNS = ("what", "size", "figure", "unit", "on")
 FILE = "gpu.md"
@@ -45,10 +45,9 @@ def run(part: str, words: Sequence[str], minutes: float) -> list[Row]:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "rows.jsonl"
         command = [sys.executable, "-m", "benchmarks.gpu.part", part, str(file), *words]
-        path = os.pathsep.join(p for p in (str(ROOT), os.environ.get("PYTHONPATH")) if p)
         try:
             status: int | None = subprocess.run(
-                command, env={**os.environ, "PYTHONPATH": path}, timeout=60 * minutes, check=False
+                command, env=environment(), timeout=60 * minutes, check=False
             ).returncode
         except subprocess.TimeoutExpired:
             status = None
