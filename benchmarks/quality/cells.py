@@ -19,7 +19,7 @@ from posegaussian.dags.simulation.simulated_run import depths, film_capture, hel
 from posegaussian.stages.depth.params import resolve_method
 from posegaussian.stages.geometry.consistency import photometric_disagreement, reprojection_residual, silhouette_offset
 from posegaussian.stages.metrics.run import measure
-from posegaussian.stages.network.choice import CANDIDATES, weights_choice
+from posegaussian.stages.network.choice import weights_choice
 from posegaussian.stages.network.params import depth_array
 from posegaussian.stages.simulator.capture_scenes import CAPTURE_LIKE_SEEDS, capture_like_scene
 from posegaussian.stages.simulator.quality_scenes import REPORTING_SEEDS, benchmark_scene
@@ -39,7 +39,7 @@ FLOOR = ("network.weights=none", *UNREFINED)
 DEFAULT, LEARNED = "default", "network"
 """In place of a depth method: everything as it is set by default, depth and network by the judge's choice, and refined;
 and the same with the weights that ship, whatever the judge says of them, unrefined."""
-SETTINGS = {DEFAULT: (), LEARNED: (f"network.weights={CANDIDATES[-1]}", *UNREFINED)}
+SETTINGS = {DEFAULT: (), LEARNED: ("network.weights=fast", *UNREFINED)}
 """{what stands in place of a depth method: its settings}."""
 
 

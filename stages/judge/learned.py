@@ -15,6 +15,7 @@ from posegaussian.stages.gaussians.params import GaussiansParams
 from posegaussian.stages.gaussians.run import run as gaussians_of
 from posegaussian.stages.judge.memory import Frames
 from posegaussian.stages.network.asset import SHIPPED_NETWORKS
+from posegaussian.stages.network.choice import fitting_weights
 from posegaussian.stages.network.params import NETWORK, NONE, NetworkParams
 from posegaussian.stages.network.run import run as network_of
 from posegaussian.stages.pose.facts import POSE_HEATMAPS
@@ -41,11 +42,12 @@ class Opened(Frames, TimedInputs):
         return nullcontext()
 
 
-def learned(inputs: Inputs, made: Frames) -> list[Frames]:
-    """Frames with depth and Gaussians (`with_gaussians`) with those that every set of weights that ships makes of
-    them, by name."""
+def learned(inputs: Inputs, made: Frames) -> dict[str, Frames]:
+    """Frames with depth and Gaussians (`with_gaussians`) with those that weights that ship and fit these cameras make
+    of them, by name."""
     networks, found = inputs.source(SHIPPED_NETWORKS.name), with_heatmaps(made, inputs)
-    return [_refined(found, networks[name]) for name in sorted(networks)]
+    fitting, _ = fitting_weights(inputs.rig, inputs.views.sources)
+    return {name: _refined(found, networks[name]) for name in fitting}
 
 
 def with_heatmaps(frames: Frames, inputs: Inputs) -> Frames:

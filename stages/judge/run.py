@@ -38,6 +38,7 @@ from posegaussian.stages.judge.memory import Frames
 from posegaussian.stages.judge.params import JudgeParams
 from posegaussian.stages.network.choice import CANDIDATES
 from posegaussian.stages.network.choice import best_of as best_weights
+from posegaussian.stages.network.params import NONE as NO_WEIGHTS
 from posegaussian.stages.rendering.facts import POSE_BLENDING, VIEW_DEPENDENT_COLOR
 
 COUNT = {DEPTH: len(BY_PICTURES), EXPOSURE: 2, LEARNED: len(CANDIDATES), COLOR: 2, POSE: 2}
@@ -88,12 +89,12 @@ def _compared(inputs: Inputs, params: JudgeParams, asked: list[str]) -> Iterator
             yield EXPOSURE, np.stack([reached, after], axis=1)
         chosen, reached = (matched, after) if _psnr(after) >= _psnr(reached) else (chosen, reached)
     if LEARNED in asked:
-        tried = [chosen, *learned(inputs, chosen)]
-        with_each = np.stack([reached, *(scores(t, filmed, views, PLAIN) for t in tried[1:])], axis=1)
+        tried = {name: (made, scores(made, filmed, views, PLAIN)) for name, made in learned(inputs, chosen).items()}
+        with_each = np.stack([tried.get(name, (chosen, reached))[1] for name in CANDIDATES], axis=1)
         yield LEARNED, with_each
         means = mean_scores(with_each)
-        best_tried = 0 if means is None else best_weights(means)
-        chosen, reached = tried[best_tried], with_each[:, best_tried]
+        best_tried = NO_WEIGHTS if means is None else CANDIDATES[best_weights(means, list(tried))]
+        chosen, reached = tried.get(best_tried, (chosen, reached))
     if POSE in asked and (posed := with_joints(chosen, inputs)) is not None:
         yield POSE, np.stack([reached, scores(posed, filmed, views, WEIGHED)], axis=1)
     if COLOR in asked:

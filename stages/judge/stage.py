@@ -139,7 +139,7 @@ STAGE = Stage(
             ("judged", "weights", "score"),
             "float64",
             "1",
-            "The same without a network and with the weights that ship, by name.",
+            "The same without a network and with the weights that ship, by name; of those that do not fit: without.",
             when=LEARNED,
             noted=True,
         ),

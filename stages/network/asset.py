@@ -13,8 +13,8 @@ from typing import Any
 from posegaussian.stages.contract.declaration import Asset
 from posegaussian.stages.geometry.turning import turned_pairs
 from posegaussian.stages.network.card import Card, WeightsError, read_card, shipped
-from posegaussian.stages.network.choice import settled
-from posegaussian.stages.network.model.presets import TRAINED_ANGLE, Preset
+from posegaussian.stages.network.choice import settled, widest_angle
+from posegaussian.stages.network.model.presets import Preset
 from posegaussian.stages.network.params import (
     AUTO,
     NETWORK,
@@ -71,10 +71,10 @@ def kinds_of_heads(params: NetworkParams) -> list[str]:
 def facts_of(rig: Rig, sources: Sequence[int], params: NetworkParams) -> list[str]:
     """What the heads say, and whether Gaussians are twisted: by whole rotations, or by pairs that lie turned in their
     pictures. Raises as `kinds_of_heads`."""
-    kinds = kinds_of_heads(params)
+    kinds, widest = kinds_of_heads(params), widest_angle(params)
     if QUATERNIONS in kinds:
         return [*kinds, TWISTED]
-    if params.weights == NONE or len(sources) < 2 or not turned_pairs(rig, sources, params.pairs, TRAINED_ANGLE):
+    if params.weights == NONE or len(sources) < 2 or not turned_pairs(rig, sources, params.pairs, widest):
         return kinds
     return [*kinds, TURNED, TWISTED]
 

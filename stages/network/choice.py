@@ -8,12 +8,13 @@ from functools import cache
 import numpy as np
 
 from posegaussian.stages.contract.declaration import Choice, Evidence, Picked
-from posegaussian.stages.contract.facts import SINGLE_SOURCE, Facts, fact
+from posegaussian.stages.contract.facts import Facts, fact
 from posegaussian.stages.contract.judged import LEARNED, MATTES, cannot_judge, drawn_at, mean_scores
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.network.card import read_card, shipped
-from posegaussian.stages.network.model.presets import Preset
+from posegaussian.stages.network.model.presets import TRAINED_ANGLE, Preset
 from posegaussian.stages.network.params import AUTO, NONE, NetworkParams
+from posegaussian.storage.model.cameras import Rig
 
 CANDIDATES = (NONE, *shipped())
 """What `auto` chooses from; along `judge/network`."""
@@ -42,9 +43,8 @@ def by_pictures(params: NetworkParams, facts: Facts) -> bool:
 
 
 def pick(evidence: Evidence) -> Picked | None:
-    """Of the weights whose trained angles some pair of views keeps to those with which left-out views are drawn with
-    the highest SSIM, unless that is below none's."""
-    fitting, angle = _fitting(evidence)
+    """The weights that fit these cameras, unless left-out views are drawn with a lower SSIM than without."""
+    fitting, angle = fitting_weights(evidence.rig, evidence.sources)
     if not fitting:
         return Picked(PICKED[NONE], angle)
     blind = cannot_judge(len(evidence.sources), bool(evidence.facts & set(MATTES.values())))
@@ -53,7 +53,7 @@ def pick(evidence: Evidence) -> Picked | None:
     means = None if blind is not None else mean_scores(evidence.noted[LEARNED])
     if means is None:
         why = blind or "no source view could be drawn from the others"
-        return Picked(PICKED[fitting[-1]], f"{why}; {angle}, and on people it never saw {fitting[-1]} gained")
+        return Picked(PICKED[fitting[0]], f"{why}; {angle}, and on people it never saw {fitting[0]} gained")
     told = ", ".join(f"{name} {drawn_at(means, i)}" for i, name in enumerate(CANDIDATES) if name in (NONE, *fitting))
     best = best_of(means, fitting)
     return Picked(
@@ -62,7 +62,7 @@ def pick(evidence: Evidence) -> Picked | None:
     )
 
 
-def best_of(means: np.ndarray, fitting: Sequence[str] = CANDIDATES[1:]) -> int:
+def best_of(means: np.ndarray, fitting: Sequence[str]) -> int:
     """Index of the candidate that counts, from `mean_scores` [candidate, measure]: the weights with the highest SSIM,
     where that is not below none's; else none, 0.
 
@@ -73,16 +73,31 @@ def best_of(means: np.ndarray, fitting: Sequence[str] = CANDIDATES[1:]) -> int:
     return max(good, key=lambda i: means[i, 1], default=0)
 
 
-def _fitting(evidence: Evidence) -> tuple[list[str], str]:
-    """Weights with something to say about these cameras, and why."""
-    if SINGLE_SOURCE in evidence.facts:
-        names = [n for n in CANDIDATES[1:] if _preset(n).alone]
-        return names, "there is a single source view" + ("" if names else ": the weights that ship compare pairs")
-    nearest = nearest_angle(evidence)
-    names = [n for n in CANDIDATES[1:] if nearest <= _preset(n).widest]
-    said = f"the nearest two source views stand {nearest:.0f} degrees apart"
-    widest = max((_preset(n).widest for n in names or CANDIDATES[1:]), default=0.0)
-    return names, f"{said}, {'within' if names else 'beyond'} the {widest:.0f} that were trained on"
+def fitting_weights(rig: Rig, sources: Sequence[int]) -> tuple[list[str], str]:
+    """The weights with something to say about these source views, at most one, and why: of those trained on pairs as
+    wide as half of the views have to their nearest, the ones trained on the least wide, which know such pairs best.
+
+    Left-out views tell weights from none, not weights from each other: on a person seen by eight cameras they have
+    .943 with `wide` and .941 with `fast`, which draws the pictures between the cameras 0.6 dB better.
+    """
+    if len(sources) < 2:
+        return [], "there is a single source view, and what weights that ship gain on its relief was not shown"
+    apart = neighbour_angles(rig, sources)
+    usual, nearest = float(np.median(apart)), float(apart.min())
+    widest = {n: _preset(n).widest for n in CANDIDATES[1:]}
+    name = min((n for n, w in widest.items() if nearest <= w), key=lambda n: (usual > widest[n], widest[n]), default="")
+    if not name:
+        limit = max(widest.values(), default=0.0)
+        return [], f"the nearest two source views stand {nearest:.0f} degrees apart, beyond the {limit:.0f} trained on"
+    said = f"half of the source views stand within {usual:.0f} degrees of another"
+    return [name], f"{said}, and {name} was trained on pairs of up to {widest[name]:.0f}"
+
+
+def widest_angle(params: NetworkParams) -> float:
+    """Degrees between the views of the widest pairs that weights by these settings may look at; of a file of weights
+    `TRAINED_ANGLE`."""
+    names = CANDIDATES[1:] if params.weights == AUTO else (params.weights,)
+    return max((_preset(n).widest for n in names if n in CANDIDATES[1:]), default=TRAINED_ANGLE)
 
 
 @cache
@@ -90,13 +105,14 @@ def _preset(name: str) -> Preset:
     return Preset.from_json(read_card(shipped()[name]).network)
 
 
-def nearest_angle(evidence: Evidence) -> float:
-    """Degrees between the two source views that stand nearest, at the point the cameras look at."""
-    rig = evidence.rig.subset(evidence.sources)
+def neighbour_angles(rig: Rig, sources: Sequence[int]) -> np.ndarray:
+    """[S] degrees from each source view to the one that stands nearest to it, at the point the cameras look at."""
+    rig = rig.subset(sources)
     rays = rig.centres - look_at_point(rig)
     rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
-    cosine = np.clip(rays @ rays.T, -1.0, 1.0)[np.triu_indices(len(rig), 1)]
-    return float(np.rad2deg(np.arccos(cosine.max())))
+    cosine = np.clip(rays @ rays.T, -1.0, 1.0)
+    np.fill_diagonal(cosine, -1.0)
+    return np.asarray(np.rad2deg(np.arccos(cosine.max(axis=1))))
 
 
 WEIGHTS = Choice("weights", weights_choice, by_pictures, pick, (LEARNED,), tuple(PICKED.values()))

@@ -30,9 +30,9 @@ class NetworkParams(Params):
     weights: str = setting(
         AUTO,
         "none: depth and Gaussians stay the analytic ones; the name of weights that ship (`posegaussian models list`);"
-        " a .safetensors file that `posegaussian train` wrote; or auto: the weights that ship and whose trained"
-        " angles the cameras keep to, unless left-out source views are drawn clearly worse with them.",
-        quality_levels=["none", "fast"],
+        " a .safetensors file that `posegaussian train` wrote; or auto: the weights that ship and were"
+        " trained on pairs as wide as the cameras stand, unless left-out source views look less alike with them.",
+        quality_levels=["none", "fast", "wide"],
     )
     iterations: int = setting(
         4, "Steps of the recurrent refinement, T.", unit="iterations", quality_levels=[1, 2, 4, 6], ge=1, le=32

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from posegaussian.stages.contract.facts import SINGLE_SOURCE, Facts
+from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.contract.judged import GIVEN_MATTE, LEARNED, NONE
 from posegaussian.stages.network import precision
-from posegaussian.stages.network.choice import CANDIDATES, PICKED, best_of, pick, settled
+from posegaussian.stages.network.choice import CANDIDATES, PICKED, best_of, fitting_weights, pick, settled
 from posegaussian.stages.network.params import NetworkParams
 from posegaussian.stages.simulator.subjects.capsule_person import capture_person
 
@@ -49,7 +49,7 @@ def test_weights_count_unless_left_out_views_look_less_alike_with_them(gain: flo
 
 def test_more_likeness_never_turns_weights_off() -> None:
     gains = np.linspace(-0.1, 0.1, 41)
-    chosen = [best_of(drawn(0.0, g)[:2].mean(axis=0)) for g in gains]
+    chosen = [best_of(drawn(0.0, g)[:2].mean(axis=0), ["fast"]) for g in gains]
     assert chosen == sorted(chosen)
     assert {0, FAST} == set(chosen)
 
@@ -63,16 +63,38 @@ def test_where_nothing_can_be_judged_the_angle_decides() -> None:
     assert close is not None
     assert wide is not None
     assert close.fact == PICKED["fast"]
-    assert "45 degrees apart, within the 62" in close.reason
-    assert wide.fact == PICKED["none"]
-    assert "90 degrees apart, beyond the 62" in wide.reason
+    assert "within 45 degrees of another, and fast was trained on pairs of up to 62" in close.reason
+    assert wide.fact == PICKED["wide"]
+    assert "within 90 degrees of another, and wide was trained on pairs of up to 92" in wide.reason
+    apart = pick(evidence(3))
+    assert apart is not None
+    assert apart.fact == PICKED["none"]
+    assert "degrees apart, beyond the 92" in apart.reason
     empty = pick(evidence(8, np.full((3, len(CANDIDATES), 3), NONE), GIVEN_MATTE))
     assert empty is not None
     assert empty.fact == PICKED["fast"]
 
 
+@pytest.mark.parametrize(("views", "fits"), [(12, ["fast"]), (6, ["fast"]), (5, ["wide"]), (4, ["wide"]), (3, [])])
+def test_of_weights_trained_as_wide_as_cameras_stand_those_trained_the_least_wide_fit(
+    views: int, fits: list[str]
+) -> None:
+    found, why = fitting_weights(evidence(views).rig, range(views))
+    assert found == fits
+    assert ("beyond" in why) == (not fits)
+
+
+def test_the_view_in_the_middle_says_how_wide_cameras_stand() -> None:
+    """Of a ring of eight every second one stands 90 degrees from the next; with one more three have one at 45."""
+    rig = evidence(8).rig
+    assert fitting_weights(rig, [0, 2, 4, 6])[0] == ["wide"]
+    assert fitting_weights(rig, [0, 1, 2, 4, 6])[0] == ["fast"]
+    # as many at 45 degrees as at 90: 67.5 in the middle
+    assert fitting_weights(rig, [0, 1, 3, 5])[0] == ["wide"]
+
+
 def test_a_single_view_has_no_pair() -> None:
-    found = pick(evidence(1, None, SINGLE_SOURCE, GIVEN_MATTE))
+    found = pick(evidence(1, None, GIVEN_MATTE))
     assert found is not None
     assert found.fact == PICKED["none"]
 

@@ -38,6 +38,7 @@ def shape_of(height: int, width: int, frames: int = 10) -> dict[str, int]:
         **both,
         "frame": frames,
         "view": 3,
+        "one_view": 3,
         "other_view": 3,
         "camera": 2,
         "joint": 25,

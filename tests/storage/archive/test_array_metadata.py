@@ -32,6 +32,7 @@ EVERY = {
     "joint": 17,
     "sample": 5,
     "person": 2,
+    "one_view": 3,
     "other_view": 3,
     "found_joint": 33,
     "judged": 16,
