@@ -30,15 +30,15 @@ def _single_view(evidence: Evidence) -> str | None:
 
 
 def _settled_by_features(evidence: Evidence, bound: float) -> Decision | None:
-    """Off, where features link all cameras and are as bright in all of them, gloss and all; and where there are none
-    and no two views stand near enough to see the same surface."""
+    """Off, where features that cameras share are as bright in all of them, gloss and all; and where there are none and
+    no two views stand near enough to see the same surface."""
     if SURFACE not in evidence.noted:
         return None
     found = exposure.match(evidence.noted[SURFACE][:, list(evidence.sources)])
     if found is None:
         near = side_by_side(evidence.rig, evidence.sources)
         return None if near else Decision(False, None, bound, NO_LINK)
-    if found.apart.max() > bound or not found.linked.all():
+    if found.apart.max() > bound:
         return None
     return Decision(
         False, 0.0, bound, f"on surfaces that cameras share, none differ by more than {found.apart.max():.2f} stops"

@@ -37,8 +37,6 @@ class Matching(NamedTuple):
     """[S, S] largest difference of a channel between two cameras of one group, in stops; 0 between groups."""
     certain: np.ndarray
     """[S, S] the same less two standard errors, at least 0."""
-    linked: np.ndarray
-    """[S, S] bool: whether pairs link two cameras, over others too."""
 
 
 def match(surface: np.ndarray) -> Matching | None:
@@ -74,7 +72,7 @@ def match(surface: np.ndarray) -> Matching | None:
     # It takes two errors to switch matching on; once it is on, whatever exceeds one is better corrected than left.
     stops = np.where((np.abs(stops) > error).any(axis=1, keepdims=True), stops, 0.0)
     between, certain = _between(inverse, apart, variance, linked)
-    return Matching(np.exp2(stops), np.abs(stops).max(axis=1), proven, between, certain, linked.astype(bool))
+    return Matching(np.exp2(stops), np.abs(stops).max(axis=1), proven, between, certain)
 
 
 def _between(

@@ -135,9 +135,6 @@ def test_the_judge_is_asked_for_gains_unless_features_show_that_cameras_are_alik
     assert alike is not None
     assert not alike.on
     assert decided(p, {SURFACE: features(3, 0.6)}) is None
-    apart = features(3, 0.1)
-    apart[0, 2] = UNSEEN
-    assert decided(p, {SURFACE: apart}) is None, "of a camera that shares none nothing is known yet"
     assert decided(p, {SURFACE: features(3, 0.0, points=0)}) is None, "its depth shows what features do not"
 
 
