@@ -18,7 +18,7 @@ from posegaussian.dags.simulation.simulated_run import run_capture
 from posegaussian.stages.refinement.attributes import ViewGaussians
 from posegaussian.stages.refinement.judging import draw
 from posegaussian.stages.refinement.loss import Filmed
-from posegaussian.stages.refinement.optimise import PICTURES, Walk
+from posegaussian.stages.refinement.optimise import Walk
 from posegaussian.stages.refinement.thinning import thinned
 from posegaussian.stages.splatting.definition.scene import Gaussians
 
@@ -53,7 +53,7 @@ def rows(setup: Setup) -> Iterator[Row]:
         out = draw(leaves, filmed[0].camera)
         (out.color.sum() + out.alpha.sum()).backward()
 
-    share = PICTURES * _seconds(drawn, setup)
+    share = walking.a_step * _seconds(drawn, setup)
     yield Row("refinement: the renderer's part of a step", side, 1000 * share, "ms", setup.name)
     yield Row("refinement: Gaussians of all views", side, float(len(walking.gaussians)), "")
 

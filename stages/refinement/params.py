@@ -14,9 +14,9 @@ class RefinementParams(Params):
 
     steps: int = setting(
         50,
-        "Most steps of two source pictures each; 0 leaves the stage out.",
+        "Most steps, each of a quarter of the source pictures, two at least; 0 leaves the stage out.",
         unit="steps",
-        quality_levels=[0, 20, 50, 200, 1000],
+        quality_levels=[0, 20, 50, 100, 200, 1000],
         ge=0,
         le=10000,
     )

@@ -6,7 +6,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from posegaussian.stages.refinement.judging import best_share, error_of, settled
+from posegaussian.stages.refinement.judging import USUAL, best_share, error_of, settled
 
 PICTURES = arrays.arrays(np.float32, (3, 2, 4, 3), elements=st.floats(0, 1, width=32))
 DRAWN = settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
@@ -56,4 +56,4 @@ def test_it_grows_with_the_judges_share_and_is_none_without_it() -> None:
     found = [settled(s) for s in np.linspace(0, 1, 21)]
     assert found[0] == 0
     assert (np.diff(found) > 0).all()
-    assert settled(0.5) == pytest.approx(0.5)
+    assert settled(USUAL) == pytest.approx(USUAL)
