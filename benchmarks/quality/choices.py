@@ -3,10 +3,11 @@
     python -m benchmarks.quality.choices [depth | network] [--seeds 1-4] [--cameras 8,6] [--scenes plain]
     [--variant clean]
 
-Each scene is run with every candidate, and once with `auto`: depth methods without the network, or weights over the
-depth method that is chosen. A row has the box PSNR of the held-out pictures by candidate, in dB, what the judge
-measured of each, what was chosen, what that loses against the best, and the CPU seconds of the judge. The right choice
-is the best candidate or one within 0.1 dB of it. `--scenes capture_like` films scenes that are like captures.
+Each scene is run with every candidate, and once with `auto`, all else as a run sets it by itself: finished pictures
+count, while the judge looks at unrefined ones. A row has the box PSNR of the held-out pictures by candidate, in dB,
+what the judge measured of each, what was chosen, what that loses against the best, and the CPU seconds of the judge.
+The right choice is the best candidate or one within 0.1 dB of it. `--scenes capture_like` films scenes that are like
+captures.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.quality.cells import FLOOR, SCENES, UNREFINED, Cell, film_cell, pictures
+from benchmarks.quality.cells import SCENES, Cell, film_cell, pictures
 from benchmarks.quality.views import seeds
 from benchmarks.report import publish
 from posegaussian.dags.planning.context import Context
@@ -44,8 +45,6 @@ class Judged:
     array: str
     """What the judge noted."""
     chosen: Callable[[Context], str]
-    beside: tuple[str, ...]
-    """Other settings."""
 
 
 CHOICES = {
@@ -54,11 +53,8 @@ CHOICES = {
         BY_PICTURES,
         DEPTH,
         lambda c: resolve_method(c.settings.depth, c.facts).name,
-        FLOOR,
     ),
-    "network": Judged(
-        "network.weights", CANDIDATES, LEARNED, lambda c: weights_choice(c.settings.network, c.facts)[0], UNREFINED
-    ),
+    "network": Judged("network.weights", CANDIDATES, LEARNED, lambda c: weights_choice(c.settings.network, c.facts)[0]),
 }
 
 
@@ -67,7 +63,7 @@ def row_of(choice: Judged, cell: Cell, settings: tuple[str, ...]) -> dict[str, A
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         motion, held_out = film_cell(cell, folder)
-        settings = (held_out, *choice.beside, *settings)
+        settings = (held_out, *settings)
         found, seconds = run_capture(folder, (*settings, f"{choice.setting}=auto"))
         context = found.context
         chosen = choice.chosen(context)

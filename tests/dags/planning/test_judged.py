@@ -13,7 +13,7 @@ from posegaussian.dags.planning.plan import State
 from posegaussian.dags.runtime.events import EffectsDecided, TaskDone
 from posegaussian.stages.contract.declaration import Decision, Picked
 from posegaussian.stages.contract.judged import DEPTH, EXPOSURE, GIVEN_MATTE, SHARED_LIGHT
-from posegaussian.stages.depth.choice import TIE, pick
+from posegaussian.stages.depth.choice import AHEAD, TIE, pick
 from posegaussian.stages.depth.methods.registry import BY_PICTURES, METHODS
 from posegaussian.stages.frames.effects import EXPOSURE_MATCHING
 from posegaussian.stages.frames.exposures import SURFACE
@@ -80,27 +80,38 @@ def test_where_nothing_can_be_judged_the_choice_falls_back_and_says_why(tmp_path
     assert "judge" in plan.unneeded
 
 
+MATCHING = sorted((m for m in BY_PICTURES if METHODS[m].matches), key=lambda m: METHODS[m].seconds)
+"""The cheapest first."""
+
+
+def _drawn(**psnr: float) -> np.ndarray:
+    """[method] dB; 20 where nothing is said."""
+    return np.array([psnr.get(m, 20.0) for m in BY_PICTURES])
+
+
 def test_the_better_picture_wins(judged: tuple[Pipeline, list]) -> None:
-    for best, name in enumerate(BY_PICTURES):
-        psnr = np.full(3, 20.0)
-        psnr[best] += TIE + 0.01
-        assert _picked(judged[0], psnr).fact == f"{name}_depth"
+    for name in BY_PICTURES:
+        lead = TIE + 0.01 if name in MATCHING else AHEAD + 0.01
+        assert _picked(judged[0], _drawn(**{name: 20 + lead})).fact == f"{name}_depth"
 
 
 def test_of_methods_that_draw_alike_the_cheapest_is_picked_and_the_reason_says_so(
     judged: tuple[Pipeline, list],
 ) -> None:
-    by_cost = sorted(BY_PICTURES, key=lambda m: METHODS[m].seconds)
-    for best, name in enumerate(BY_PICTURES):
-        psnr = np.full(3, 20.0)
-        psnr[best] += TIE - 0.01
-        picked = _picked(judged[0], psnr)
-        assert picked.fact == f"{by_cost[0]}_depth"
-        assert ("costs least" in picked.reason) == (name != by_cost[0])
-    apart = np.array([20.0, 20.0, 20.0])
-    apart[BY_PICTURES.index(by_cost[0])] -= TIE + 0.01  # the cheapest is worse: the next of the two that are left
-    apart[BY_PICTURES.index(by_cost[2])] += TIE / 2
-    assert _picked(judged[0], apart).fact == f"{by_cost[1]}_depth"
+    for name in MATCHING:
+        picked = _picked(judged[0], _drawn(**{name: 20 + TIE - 0.01}))
+        assert picked.fact == f"{MATCHING[0]}_depth"
+        assert ("costs least" in picked.reason) == (name != MATCHING[0])
+
+
+def test_a_surface_that_compares_no_pictures_must_lead_by_far_and_the_reason_says_so(
+    judged: tuple[Pipeline, list],
+) -> None:
+    picked = _picked(judged[0], _drawn(hull=20 + TIE + AHEAD, **{MATCHING[1]: 20 + TIE + 0.01}))
+    assert picked.fact == f"{MATCHING[1]}_depth"
+    assert "hull, which compares no pictures, leads by less than 1 dB" in picked.reason
+    assert "costs least" not in picked.reason
+    assert "leads" not in _picked(judged[0], _drawn(hull=20 - TIE - 0.01)).reason
 
 
 def _picked(p: Pipeline, psnr: np.ndarray) -> Picked:
