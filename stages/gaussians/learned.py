@@ -12,12 +12,12 @@ from posegaussian.stages.network.model.heads import (
     HeadMaps,
     Prior,
     blend,
+    growth,
     learned_normal,
     learned_opacity,
     learned_quaternion,
     learned_scale,
     normal_of,
-    size_growth,
     twist_of,
 )
 
@@ -68,7 +68,7 @@ def over_prior(
     found = blend(analytic, said)
     size, twist, weight = found.scale, None if turn is None else twist_of(found.rotation), found.shares[:, 1:]
     if angle is not None:
-        size, twist = turned_sizes(scale, size_growth(x["scale"]), weight, angle)
+        size, twist = turned_sizes(scale, growth(x["scale"]), weight, angle)
     maps = [size, normal_of(found.rotation), found.opacity, weight, *([] if twist is None else [twist])]
     return tuple(m[0].numpy() for m in maps)
 

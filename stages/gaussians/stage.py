@@ -30,7 +30,7 @@ def halo(params: GaussiansParams, facts: Facts) -> tuple[int, int]:
 STAGE = Stage(
     name="gaussians",
     summary="Turn depth into pixel-aligned Gaussians: scale, normal, opacity.",
-    version=5,
+    version=4,
     run="posegaussian.stages.gaussians.run:run",
     check="posegaussian.stages.gaussians.run:check",
     reads=(

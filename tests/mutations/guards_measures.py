@@ -22,7 +22,9 @@ GUARDS = (
     guards_of("L7")(ERROR := "stages/metrics/depth_error.py", "foreground(mask) & (truth > 0)", "foreground(mask)"),
     guards_of("L7")(ERROR, " / ratio\n", "\n"),
     guards_of("D5")(LOSSES, "mu ** (last - t)", "mu ** (15 / last * (last - t))"),
-    guards_of("L5")(HEADS, "softplus(limited(x)) / math.log(2)", "softplus(x) / math.log(2)"),
+    guards_of("L5")(
+        HEADS, "softplus(limited(x)) / math.log(2)\n\n\ndef unit", "softplus(x) / math.log(2)\n\n\ndef unit"
+    ),
     guards_of("L6")(HEADS, "torch.where(product < 0, -learned, learned)", "learned"),
     guards_of("L6b")(HEADS, "    return torch.sigmoid(limited(x))", "    return torch.sigmoid(x)"),
     guards_of("L8")(
