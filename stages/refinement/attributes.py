@@ -13,12 +13,14 @@ import torch
 from posegaussian.stages.rendering.lift import GaussianMaps, Pixels
 from posegaussian.stages.splatting.definition.scene import Gaussians
 
-CHANNELS = {"color": 3, "scale": 3, "rotation": 3, "opacity": 1, "depth": 1}
-"""Attributes and their channels: sRGB, log of metres, components of the normal, logit, pixel footprints z/f."""
+CHANNELS = {"color": 3, "scale": 3, "rotation": 3, "opacity": 1, "depth": 1, "twist": 1}
+"""Attributes and their channels: sRGB, log of metres, components of the normal, logit, pixel footprints z/f, tangent of
+the turn about the normal."""
 OPACITIES = (1e-3, 1 - 1e-4)
 """Bounds of an opacity, so that its logit is finite."""
-FARTHEST = {"scale": float(np.log(8)), "rotation": 1.0, "opacity": 8.0, "depth": 64.0}
-"""Bounds of an offset to both sides: a Gaussian grows and shrinks to an eighth, a normal turns by 45 degrees."""
+FARTHEST = {"scale": float(np.log(8)), "rotation": 1.0, "opacity": 8.0, "depth": 64.0, "twist": 2.0}
+"""Bounds of an offset to both sides: a Gaussian grows and shrinks to an eighth, a normal turns by 45 degrees, what lies
+along a tangent by 63."""
 NEAREST = 0.5
 """Share of its depth by which a Gaussian may at most move: it stays in front of the camera."""
 
@@ -46,8 +48,8 @@ class ViewGaussians:
 
     given: GaussianMaps
     pixels: Pixels
-    twist: tuple[torch.Tensor, ...] | None
-    """2 x [N]; None: no turn."""
+    twist: np.ndarray
+    """[2, N] cosine and sine of the turn about the normal."""
     base: dict[str, np.ndarray]
     """{attribute: [C, N]}; depth in metres."""
     footprint: np.ndarray
@@ -73,16 +75,17 @@ class ViewGaussians:
             "opacity": _logit(np.clip(faces[:1], *OPACITIES)),
             "depth": z,
         }
-        twist = None if maps.twist is None else pixels.at(maps.twist)
+        cosine, sine = (c.numpy() for c in pixels.at(twist_of(maps)))
+        twist = np.stack([np.where((cosine == 0) & (sine == 0), np.float32(1), cosine), sine])
         return cls(maps, pixels, twist, base, z / np.float32(focal), min(FARTHEST["depth"], NEAREST * focal))
 
     def __len__(self) -> int:
         return len(self.pixels)
 
     def with_values(self, values: Mapping[str, np.ndarray]) -> GaussianMaps:
-        """The maps with other {attribute: [C, N]}, depth and scale in metres, normals of any length, types as given;
-        a pixel whose Gaussian is not finite, or that has none, stays as it was."""
-        length = np.sqrt((values["rotation"] ** 2).sum(axis=0))
+        """The maps with other {attribute: [C, N]}, depth and scale in metres, normals and turns of any length, types as
+        given; a pixel whose Gaussian is not finite, or that has none, stays as it was."""
+        (normals, length), (turns, _) = (_unit(values[name]) for name in ("rotation", "twist"))
         good = np.all([np.isfinite(v).all(axis=0) for v in values.values()], axis=0) & (length > 0)
         rows, columns = self.pixels.rows.numpy()[good], self.pixels.columns.numpy()[good]
         g = self.given
@@ -90,9 +93,11 @@ class ViewGaussians:
         color[rows, columns] = np.rint(values["color"][:, good].T * 255).clip(0, 255)
         depth[rows, columns] = values["depth"][0, good]
         scale[:, rows, columns] = values["scale"][:, good]
-        normal[:, rows, columns] = (values["rotation"] / np.where(length > 0, length, 1))[:, good]
+        twist = twist_of(g)
+        normal[:, rows, columns] = normals[:, good]
         opacity[:, rows, columns] = values["opacity"][:, good]
-        return GaussianMaps(color, depth, scale, normal, opacity, g.twist)
+        twist[:, rows, columns] = turns[:, good]
+        return GaussianMaps(color, depth, scale, normal, opacity, twist)
 
 
 class SharedGaussians:
@@ -100,14 +105,13 @@ class SharedGaussians:
     from. All offsets begin at 0."""
 
     def __init__(self, views: Mapping[int, ViewGaussians]) -> None:
-        """{view: its Gaussians}, all with a twist or none."""
+        """{view: its Gaussians}."""
         self.views = dict(views)
         parts = list(views.values())
         self.pixels = Pixels.joined([p.pixels for p in parts])
-        self.base = {name: torch.from_numpy(np.concatenate([p.base[name] for p in parts], axis=1)) for name in CHANNELS}
+        self.base = {n: torch.from_numpy(np.concatenate([p.base[n] for p in parts], axis=1)) for n in parts[0].base}
         self.footprint = torch.from_numpy(np.concatenate([p.footprint for p in parts], axis=1))
-        turns = [p.twist for p in parts if p.twist is not None]
-        self.twist = tuple(torch.cat(t) for t in zip(*turns, strict=True)) if turns else None
+        self.twist = torch.from_numpy(np.concatenate([p.twist for p in parts], axis=1))
         farthest = np.concatenate([np.full((1, len(p)), p.farthest, np.float32) for p in parts], axis=1)
         color = self.base["color"].numpy()
         self.bounds: dict[str, tuple[Any, Any]] = {
@@ -124,18 +128,20 @@ class SharedGaussians:
         """In the world, the same from all sides, differentiable in the offsets."""
         v = self._values()
         faces = v["opacity"].T.expand(-1, 2)
-        lifted = self.pixels.lift(v["depth"][0], v["rotation"].unbind(0), v["scale"].T, faces, v["color"].T, self.twist)
-        return lifted.from_all_sides()
+        normal, twist = (v[name].unbind(0) for name in ("rotation", "twist"))
+        return self.pixels.lift(v["depth"][0], normal, v["scale"].T, faces, v["color"].T, twist).from_all_sides()
 
     def _values(self) -> dict[str, torch.Tensor]:
-        """{attribute: [C, N]}: colour in sRGB, scale and depth in m, opacity 0..1, a normal of any length."""
-        o, b = self.offsets, self.base
+        """{attribute: [C, N]}: colour in sRGB, scale and depth in m, opacity 0..1, a normal and a turn of
+        any length."""
+        o, b, (cosine, sine) = self.offsets, self.base, self.twist
         return {
             "color": b["color"] + o["color"],
             "scale": _Exp.apply(b["scale"] + o["scale"]),
             "rotation": b["rotation"] + o["rotation"],
             "opacity": 1 / (1 + _Exp.apply(-(b["opacity"] + o["opacity"]))),
             "depth": b["depth"] + o["depth"] * self.footprint,
+            "twist": torch.stack([cosine - o["twist"][0] * sine, sine + o["twist"][0] * cosine]),
         }
 
     def arrays(self) -> Offsets:
@@ -157,6 +163,21 @@ class SharedGaussians:
             found[view] = part.with_values({name: v[:, start:stop] for name, v in values.items()})
             start = stop
         return found
+
+
+def twist_of(maps: GaussianMaps) -> np.ndarray:
+    """[2, h, w] float16 of one's own: the maps' twist; (1, 0), no turn, where they have none."""
+    if maps.twist is not None:
+        return np.array(maps.twist)
+    twist = np.zeros((2, *np.shape(maps.depth)), np.float16)
+    twist[0] = 1
+    return twist
+
+
+def _unit(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Vectors [C, N] at unit length, and their lengths [N]; what has none stays as it is."""
+    length = np.sqrt((vectors**2).sum(axis=0))
+    return vectors / np.where(length > 0, length, 1), length
 
 
 def _logit(p: np.ndarray) -> np.ndarray:

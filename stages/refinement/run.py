@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from posegaussian.stages.contract.io import Block, Inputs
-from posegaussian.stages.refinement.attributes import ViewGaussians
+from posegaussian.stages.refinement.attributes import ViewGaussians, twist_of
 from posegaussian.stages.refinement.judging import Judge
 from posegaussian.stages.refinement.loss import Filmed
 from posegaussian.stages.refinement.optimise import Rehearsal, Walk, rehearse
@@ -96,12 +96,13 @@ def _outcome(frame: _Frame, rehearsal: Rehearsal | None, rehearsed: bool, taught
 
 def _arrays(maps: GaussianMaps) -> tuple[np.ndarray, ...]:
     """In the order of `REFINED`."""
-    return tuple(np.asarray(a) for a in (maps.color, maps.depth, maps.scale, maps.normal, maps.opacity))
+    given = maps.color, maps.depth, maps.scale, maps.normal, maps.opacity
+    return *(np.asarray(a) for a in given), twist_of(maps)
 
 
 def _nothing(width: int, height: int) -> GaussianMaps:
     """The maps of a view that is no source."""
-    channels = [np.zeros((c, height, width), np.float16) for c in (3, 3, 2)]
+    channels = [np.zeros((c, height, width), np.float16) for c in (3, 3, 2, 2)]
     return GaussianMaps(np.zeros((height, width, 3), np.uint8), np.zeros((height, width), np.float32), *channels)
 
 

@@ -12,17 +12,17 @@ from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
 def needs(shape: Shape, params: RefinementParams) -> Resources:
-    """Maps of the partition and its halo (24 bytes a pixel and view), as many again to write, one frame's optimisation,
+    """Maps of the partition and its halo (28 bytes a pixel and view), as many again to write, one frame's optimisation,
     one picture's gradients.
 
-    As if every pixel had depth: of every sixth a Gaussian of ten numbers, with its gradient, the means of it and of its
-    square, the lifted copy, and its slots in a picture's gradients; the pictures and their moments; the judge's picture
-    of two views.
+    As if every pixel had depth: of every sixth a Gaussian of twelve numbers, with its gradient, the means of it and of
+    its square, the lifted copy, and its slots in a picture's gradients; the pictures and their moments; the judge's
+    picture of two views.
     """
     before, _ = halo(params, Facts())
     pixels = shape["y"] * shape["x"]
-    maps = pixels * shape["view"] * 24 * (2 * shape["frame"] + before)
-    return Resources(cpu=1, ram=maps + pixels * (shape["view"] * 340 + 760))
+    maps = pixels * shape["view"] * 28 * (2 * shape["frame"] + before)
+    return Resources(cpu=1, ram=maps + pixels * (shape["view"] * 360 + 760))
 
 
 def unneeded(params: RefinementParams, facts: Facts) -> str | None:
@@ -37,7 +37,7 @@ def unneeded(params: RefinementParams, facts: Facts) -> str | None:
 STAGE = Stage(
     name=REFINEMENT,
     summary="Optimise each frame's Gaussians on its source pictures through the renderer.",
-    version=5,
+    version=6,
     run="posegaussian.stages.refinement.run:run",
     check="posegaussian.stages.refinement.run:check",
     reads=(
@@ -87,6 +87,14 @@ STAGE = Stage(
             "float16",
             "1",
             "Opacity seen face-on and at grazing angle.",
+            keep="until_done",
+        ),
+        ArraySpec(
+            "refinement/twist",
+            ("frame", "view", "turn", "y", "x"),
+            "float16",
+            "1",
+            "Cosine and sine of the turn about the normal, away from the tangents that follow from it.",
             keep="until_done",
         ),
         ArraySpec(

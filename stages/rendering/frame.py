@@ -29,11 +29,11 @@ from posegaussian.stages.rendering.mip import mip_filter
 from posegaussian.stages.rendering.params import RenderingParams
 from posegaussian.stages.rendering.pose_blending import PAST, Sureness, stabilised
 from posegaussian.stages.rendering.sources import (
+    REFINED,
     angles_at,
     choose,
     faded_in,
     reach,
-    refined_arrays,
     refined_shares,
     unrefined_arrays,
 )
@@ -66,7 +66,7 @@ class MapReader:
         """Maps of the i-th frame of the partition, before or after refinement, and the view's intrinsics [3, 3] and
         pose [4, 4]."""
         if (view, refined) not in self._maps:
-            names = (refined_arrays if refined else unrefined_arrays)(self.inputs.facts)
+            names = REFINED if refined else unrefined_arrays(self.inputs.facts)
             self._maps[view, refined] = tuple(self.inputs.read(name, view) for name in names)
         return (
             GaussianMaps(*(a[i] for a in self._maps[view, refined])),

@@ -15,8 +15,15 @@ OF_GAUSSIANS = ("gaussians/scale", "gaussians/rotation", "gaussians/opacity")
 """Beside picture and depth, what the Gaussians of a view are lifted from."""
 TWIST = "gaussians/twist"
 """And this, where weights say whole rotations."""
-REFINED = ("refinement/color", "refinement/depth", "refinement/scale", "refinement/rotation", "refinement/opacity")
-"""What they are lifted from after refinement."""
+REFINED = (
+    "refinement/color",
+    "refinement/depth",
+    "refinement/scale",
+    "refinement/rotation",
+    "refinement/opacity",
+    "refinement/twist",
+)
+"""What they are lifted from after refinement, which gives all of them a twist."""
 OUTCOME = "refinement/outcome"
 """[F, 8] how each frame's refinement went; the last number is the refined picture's share."""
 NEAR = 0.1
@@ -28,22 +35,12 @@ does not see shows, the mean is better (`python -m benchmarks.refinement.near`).
 def unrefined_arrays(facts: Facts) -> tuple[str, ...]:
     """What the Gaussians of a view are lifted from before refinement, in the order
     `posegaussian.stages.rendering.lift.GaussianMaps` takes it."""
-    return ("frames/color", depth_array(facts), *OF_GAUSSIANS, *twist_arrays(facts))
-
-
-def refined_arrays(facts: Facts) -> tuple[str, ...]:
-    """The same after refinement, which leaves a twist as it is."""
-    return (*REFINED, *twist_arrays(facts))
-
-
-def twist_arrays(facts: Facts) -> tuple[str, ...]:
-    """The Gaussians' twist, where there is one."""
-    return (TWIST,) if TWISTED in facts else ()
+    return ("frames/color", depth_array(facts), *OF_GAUSSIANS, *((TWIST,) if TWISTED in facts else ()))
 
 
 def map_arrays(facts: Facts) -> tuple[str, ...]:
     """The arrays that the Gaussians of a view are lifted from: the refined ones where the refinement stage is on."""
-    return refined_arrays(facts) if REFINEMENT in facts else unrefined_arrays(facts)
+    return REFINED if REFINEMENT in facts else unrefined_arrays(facts)
 
 
 def refined_shares(inputs: Inputs) -> np.ndarray:

@@ -1,6 +1,6 @@
 """One frame of a training scene as arrays: what the stages before the network give, and the truth beside it.
 
-Of a ring of many cameras neighbours are kept, `pairs_per_frame` pairs of them; all cameras say what the hull is.
+Of many cameras neighbours are kept, `pairs_per_frame` pairs of them; all cameras say what the hull is.
 
 color [V, h, w, 3], mask [V, h, w]           of the kept cameras, sources first, then the held-out one of every gap
 truth [S, h, w] float32                      true depth of the sources, metres, 0 = none
@@ -51,12 +51,13 @@ def validation_frame(config: TrainingConfig, index: int) -> dict[str, np.ndarray
 
 
 def _frame(config: TrainingConfig, seed: int, number: int) -> dict[str, np.ndarray]:
-    staged = stage(training_scene(seed, config.frames_per_scene, config.cameras, config.size))
+    scene = training_scene(seed, config.frames_per_scene, config.cameras, config.size)
+    staged = stage(scene)
     take, sources, rig = staged.take, staged.sources, staged.written
     random = generator(seed, "start", number)
     method = config.methods[int(random.integers(len(config.methods)))]
     limbs, rate = random.random() < LIMBS, RATES[int(random.integers(len(RATES)))]
-    pairs = _pairs(rig, sources)
+    pairs = neighbours(rig, sources, closed=scene.rig.kind == "ring")
     first = int(random.integers(len(pairs)))
     pairs = np.roll(pairs, -first, axis=0)[: config.pairs_per_frame]
     kept, held = (list(dict.fromkeys(pairs[:, columns].ravel().tolist())) for columns in ([0, 1], [2]))
@@ -109,11 +110,12 @@ def _start(rig: Rig, shots: list[Shot], views: list[int], method: str, limbs: bo
     return np.stack([maps[v][0] for v in views]), np.stack([maps[v][1] for v in views])
 
 
-def _pairs(rig: Rig, sources: int) -> np.ndarray:
-    """[P, 3] neighbours around the ring, and the held-out camera nearest to the middle between them."""
+def neighbours(rig: Rig, sources: int, closed: bool) -> np.ndarray:
+    """[P, 3] neighbours along the rig, the last and the first among them where it is `closed`, and the held-out camera
+    nearest to the middle between them."""
     centres = rig.centres
     out = []
-    for a in range(sources):
+    for a in range(sources if closed else sources - 1):
         b = (a + 1) % sources
         middle = 0.5 * (centres[a] + centres[b])
         out.append([a, b, sources + int(np.argmin(np.linalg.norm(centres[sources:] - middle, axis=1)))])

@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from posegaussian.stages.simulator.effects.base import generator
 from posegaussian.stages.simulator.scene import Scene
 from posegaussian.stages.simulator.subjects.splits import FIRST_KEPT_SEED, FIRST_VALIDATION_SEED, casting
@@ -37,6 +39,15 @@ DRESSED = 0.5
 """Share of the training scenes whose people wear and hold what captured people do."""
 ASTRAY = 0.4
 """Share of the training scenes whose cameras stand by eye: rolled, and at heights and gaps of their own."""
+LEANING = 0.35
+"""Share of the training scenes whose cameras stand on a leaning arc, so that pairs run diagonally or upright, as
+neighbours in rows above each other do: a person seen by such a pair lies across its rectified pictures."""
+LEAN = (15.0, 90.0)
+"""Degrees by which an arc leans, to either side."""
+GAP, WIDEST = (15.0, 60.0), 110.0
+"""Degrees between neighbours on a leaning arc, and from the first of them to the last, at most."""
+BELOW = frozenset({"background_room", "cast_shadow"})
+"""What a leaning arc does without: some of its cameras look from under the floor."""
 LONGEST = 3.0
 """Seconds into a motion that the first frame may lie."""
 FRAME_RATE = 2.0
@@ -44,8 +55,8 @@ FRAME_RATE = 2.0
 
 
 def training_scene(seed: int, frames: int, cameras: tuple[int, ...], size: int) -> Scene:
-    """The scene of a seed: a ring of one of the given numbers of cameras, a held-out camera in every gap, pictures of
-    `size` px square.
+    """The scene of a seed: a ring of one of the given numbers of cameras, or a leaning arc of no more than as many, a
+    held-out camera in every gap, pictures of `size` px square.
 
     Raises ValueError for a seed that is kept for measuring.
     """
@@ -69,6 +80,24 @@ def training_scene(seed: int, frames: int, cameras: tuple[int, ...], size: int) 
     if dressed:  # what it is made of shows by what it mirrors
         effects["specular"] = {"switch": "on", "strength": float(random.uniform(0.5, 2.0))}
     astray = seed < FIRST_VALIDATION_SEED and random.random() < ASTRAY
+    rig: dict[str, Any] = {
+        "kind": "ring",
+        "cameras": count,
+        "radius": float(random.uniform(2.4, 6.0)),
+        "height": float(random.uniform(0.6, 2.2)),
+        "roll": float(random.uniform(-8.0, 8.0)) if astray else 0.0,
+        "roll_spread": float(random.uniform(0.0, 6.0)) if astray else 0.0,
+        "tilt": float(random.uniform(-12.0, 12.0)) if astray else 0.0,
+        "jitter": float(random.uniform(0.0, 0.25)) if astray else 0.0,
+        "start": float(random.uniform(0.0, 360.0)),
+        "size": [size, size],
+        "fill": float(random.uniform(0.72, 0.92)),
+        "framing": "frames",
+    }
+    leaning = generator(seed, "leaning")
+    if seed < FIRST_VALIDATION_SEED and leaning.random() < LEANING:
+        rig |= _leaning(leaning, count)
+        effects = {name: settings for name, settings in effects.items() if name not in BELOW}
     return Scene.model_validate(
         {
             "seed": seed,
@@ -80,21 +109,25 @@ def training_scene(seed: int, frames: int, cameras: tuple[int, ...], size: int) 
                 "phase": float(random.uniform(0.0, LONGEST)),
                 "speed": float(random.uniform(0.8, 1.2)),
             },
-            "rig": {
-                "kind": "ring",
-                "cameras": count,
-                "radius": float(random.uniform(2.4, 6.0)),
-                "height": float(random.uniform(0.6, 2.2)),
-                "roll": float(random.uniform(-8.0, 8.0)) if astray else 0.0,
-                "roll_spread": float(random.uniform(0.0, 6.0)) if astray else 0.0,
-                "tilt": float(random.uniform(-12.0, 12.0)) if astray else 0.0,
-                "jitter": float(random.uniform(0.0, 0.25)) if astray else 0.0,
-                "start": float(random.uniform(0.0, 360.0)),
-                "size": [size, size],
-                "fill": float(random.uniform(0.72, 0.92)),
-                "framing": "frames",
-            },
-            "held_out": count,
+            "rig": rig,
+            "held_out": rig["cameras"] - (rig["kind"] == "arc"),
             "effects": effects,
         }
     )
+
+
+def _leaning(random: np.random.Generator, count: int) -> dict[str, Any]:
+    """What of the rig is other on an arc of at most `count` cameras that leans."""
+    gap = float(random.uniform(*GAP))
+    cameras = min(count, max(3, 1 + int(WIDEST / gap)))
+    lean = float(random.uniform(*LEAN)) * (1 if random.random() < 0.5 else -1)
+    # By its height the person at rest: by what is seen of it from above the lens would be far too long.
+    fill = float(random.uniform(0.65, 0.9))
+    return {
+        "kind": "arc",
+        "cameras": cameras,
+        "span": gap * (cameras - 1),
+        "tilt": lean,
+        "fill": fill,
+        "framing": "rest",
+    }

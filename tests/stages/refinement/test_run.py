@@ -58,11 +58,17 @@ def refine(
     )
 
 
+GIVEN = dict(zip(REFINED, unrefined_arrays(frozenset()), strict=False))
+"""{refined: what it was}; a twist there was none."""
+TWIST = "refinement/twist"
+
+
 def passed_on(out: dict[str, np.ndarray], arrays: dict[str, np.ndarray], frame: int, view: int) -> bool:
-    return all(
+    kept = all(
         np.array_equal(out[after][frame, view], arrays[before][frame, view], equal_nan=True)
-        for before, after in zip(unrefined_arrays(frozenset()), REFINED, strict=True)
+        for after, before in GIVEN.items()
     )
+    return kept and bool((out[TWIST][frame, view, 0] == 1).all() and (out[TWIST][frame, view, 1] == 0).all())
 
 
 def test_the_judges_picture_gets_better_and_the_kept_step_is_never_worse_than_the_start(
@@ -109,7 +115,7 @@ def test_every_attribute_is_optimised_and_a_sixth_of_the_gaussians_is_left(
     left = (out["refinement/opacity"] > 0).any(axis=2)
     assert not (left & ~some).any()
     assert 0.12 < left.sum() / some.sum() < 0.21
-    for before, after in zip(unrefined_arrays(frozenset()), REFINED, strict=True):
+    for after, before in GIVEN.items():
         assert np.isfinite(out[after]).all()
         moved = np.asarray(out[after] != spoilt[before][:1])
         moved = (
@@ -119,6 +125,9 @@ def test_every_attribute_is_optimised_and_a_sixth_of_the_gaussians_is_left(
     assert (out["refinement/depth"][left] > 0).all()
     length = np.linalg.norm(out["refinement/rotation"].astype(np.float32), axis=2)[left]
     np.testing.assert_allclose(length, 1, atol=2e-3)  # three float16 components
+    turn = out[TWIST].astype(np.float32)
+    np.testing.assert_allclose(np.linalg.norm(turn, axis=2), (out[TWIST] != 0).any(axis=2), atol=1e-3)  # two
+    assert (np.abs(turn[:, :, 1])[left] > 1e-3).mean() > 0.5
     assert out["refinement/opacity"].max() <= 1
     np.testing.assert_array_equal(out["refinement/opacity"][:, :, 0], out["refinement/opacity"][:, :, 1])
     assert (out["refinement/scale"] >= 0).all()

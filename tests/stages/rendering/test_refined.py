@@ -34,8 +34,10 @@ def arrays(person: PersonCapture) -> dict[str, np.ndarray]:
         }.items()
     }
     given |= run_stage(stage("gaussians"), GaussiansParams(), given, person.rig, person.views, len(SHARES))
-    for after, before in zip(REFINED, unrefined_arrays(Facts(frozenset())), strict=True):
+    for after, before in zip(REFINED, unrefined_arrays(Facts(frozenset())), strict=False):
         given[after] = given[before].copy()
+    given["refinement/twist"] = np.zeros_like(given["gaussians/opacity"])
+    given["refinement/twist"][:, :, 0] = 1
     given["refinement/color"] //= 2
     given["refinement/opacity"] /= 2
     given[OUTCOME] = np.zeros((len(SHARES), 8), np.float32)

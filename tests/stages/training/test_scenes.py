@@ -1,8 +1,10 @@
 """Nobody and nothing that is kept for measuring is ever trained on; a scene follows from its seed."""
 
+import numpy as np
 import pytest
 
-from posegaussian.stages.simulator.scene import Person
+from posegaussian.stages.simulator.scene import Arc, Person
+from posegaussian.stages.simulator.setup import stage
 from posegaussian.stages.simulator.subjects.motion_names import VALIDATION_MOTION
 from posegaussian.stages.simulator.subjects.splits import (
     FIRST_KEPT_SEED,
@@ -14,6 +16,7 @@ from posegaussian.stages.simulator.subjects.splits import (
     refusal,
 )
 from posegaussian.stages.simulator.wardrobe.description import NOTHING
+from posegaussian.stages.training.frames import neighbours
 from posegaussian.stages.training.scenes import training_scene
 
 TRAINED = range(200)
@@ -76,3 +79,32 @@ def test_half_of_the_trained_people_are_dressed_as_captured_ones_and_no_validate
     assert {s.kind for p in own for s in p.straps} == {"sash", "harness", "belt", "thighs", "bracers"}
     assert {c.thing for p in own for c in p.carries} == {"helmet", "bag", "board"}
     assert any(p.hair.strands for p in own)
+
+
+def test_a_third_of_the_trained_rigs_are_arcs_that_lean_and_no_validated_one() -> None:
+    found = {s: training_scene(s, 1, (4, 8, 16), 64) for s in (*TRAINED, *VALIDATED)}
+    leaning = {s: scene for s, scene in found.items() if isinstance(scene.rig, Arc)}
+    assert not leaning.keys() & set(VALIDATED)
+    # four standard errors of 200 draws of 0.35
+    assert len(leaning) / len(TRAINED) == pytest.approx(0.35, abs=0.14)
+    assert {scene.rig.tilt > 0 for scene in leaning.values()} == {True, False}
+    for scene in leaning.values():
+        effects = {name for name, on in scene.effects if on is not None}
+        assert not effects & {"background_room", "cast_shadow"}, "cameras under the floor would see it from below"
+
+
+def test_pairs_of_a_leaning_arc_are_its_neighbours_and_run_diagonally() -> None:
+    seed = next(s for s in TRAINED if isinstance(training_scene(s, 1, (8,), 64).rig, Arc))
+    scene = training_scene(seed, 1, (8,), 64)
+    assert isinstance(scene.rig, Arc)
+    staged = stage(scene)
+    rig, sources = staged.written, staged.sources
+    assert sources == scene.rig.cameras
+    assert len(rig) == 2 * sources - 1
+    pairs = neighbours(rig, sources, closed=False)
+    assert [tuple(p[:2]) for p in pairs] == [(i, i + 1) for i in range(sources - 1)], "the ends are no pair"
+    assert len(set(pairs[:, 2])) == sources - 1
+    rise = np.abs(np.diff(rig.centres[:sources, 2]))
+    lean = np.degrees(np.arcsin(rise / np.linalg.norm(np.diff(rig.centres[:sources], axis=0), axis=1)))
+    # an arc's chords lean as it does in its middle, less towards its ends
+    assert lean.max() > 0.5 * abs(scene.rig.tilt)
