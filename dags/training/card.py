@@ -32,8 +32,8 @@ def card(config: TrainingConfig, step: int, machines: Mapping[str, float], rows:
     scenes, held = config.scenes, config.validation
     data = (
         f"{number(scenes.count, 'simulated scene')} with {number(config.frames_per_scene, 'frame')} each, filmed at"
-        f" {config.size} px by rings of {' or '.join(map(str, config.cameras))} cameras; crops of {config.crop} px,"
-        f" {number(config.batch, 'pair')} a step, over {' or '.join(_starts(config))}; step {step} of"
+        f" {config.size} px by rings of {' or '.join(map(str, config.cameras))} cameras and arcs that lean; crops of"
+        f" {config.crop} px, {number(config.batch, 'pair')} a step, over {' or '.join(_starts(config))}; step {step} of"
         f" {config.steps}"
     )
     start = f", continued from {config.start}" if config.start else ""

@@ -132,8 +132,8 @@ class SharedGaussians:
         return self.pixels.lift(v["depth"][0], normal, v["scale"].T, faces, v["color"].T, twist).from_all_sides()
 
     def _values(self) -> dict[str, torch.Tensor]:
-        """{attribute: [C, N]}: colour in sRGB, scale and depth in m, opacity 0..1, a normal and a turn of
-        any length."""
+        """{attribute: [C, N]}: colour in sRGB, scale and depth in m, opacity 0..1, a normal and a turn
+        of any length."""
         o, b, (cosine, sine) = self.offsets, self.base, self.twist
         return {
             "color": b["color"] + o["color"],

@@ -17,8 +17,8 @@ from posegaussian.stages.refinement.schedule import Schedule
 RATES = {"color": 0.0025, "scale": 0.02, "rotation": 0.01, "opacity": 0.1, "depth": 0.4, "twist": 0.1}
 """Of Adam, in the units of the offsets. About half of them gained a fifth less in 50 steps (seeds 2 and 3); twice
 those of normal, scale and colour overfit by 100. The turn's: an arc of four cameras that leans by 45 degrees, checked
-cloth (seed 2), 28.63 dB without, 29.85 at 0.02, 30.14 at 0.1; eight cameras around seed 1 31.23, 31.37 and, with twice
-the rate and twice the bound, 31.23."""
+cloth (seed 2, 320 px, `benchmarks.quality.held`), 28.63 dB without, 29.85 at 0.02 and half the bound, 30.14 at 0.1;
+eight cameras around seed 1 (384 px) 31.23, 31.37 at 0.1 and, with twice the rate and twice the bound, 31.23."""
 MEAN, SQUARE = 0.9, 0.999
 """Decay of the running means of a gradient and of its square."""
 SLOWER = 100

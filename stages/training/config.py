@@ -122,7 +122,7 @@ class TrainingConfig(Params):
     frames_per_scene: int = setting(1, "Moments filmed of each training scene.", unit="frames", ge=1, le=64)
     cameras: tuple[int, ...] = setting(
         (4, 5, 6, 8, 12, 16),
-        "Numbers of cameras on the ring that scenes are filmed with.",
+        "Numbers of cameras on the ring that scenes are filmed with; on an arc that leans as many at most.",
         unit="cameras",
         min_length=1,
     )

@@ -58,7 +58,7 @@ def refine(
     )
 
 
-GIVEN = dict(zip(REFINED, unrefined_arrays(frozenset()), strict=False))
+GIVEN = dict(zip(REFINED[:-1], unrefined_arrays(frozenset()), strict=True))
 """{refined: what it was}; a twist there was none."""
 TWIST = "refinement/twist"
 

@@ -34,7 +34,7 @@ def arrays(person: PersonCapture) -> dict[str, np.ndarray]:
         }.items()
     }
     given |= run_stage(stage("gaussians"), GaussiansParams(), given, person.rig, person.views, len(SHARES))
-    for after, before in zip(REFINED, unrefined_arrays(Facts(frozenset())), strict=False):
+    for after, before in zip(REFINED[:-1], unrefined_arrays(Facts(frozenset())), strict=True):
         given[after] = given[before].copy()
     given["refinement/twist"] = np.zeros_like(given["gaussians/opacity"])
     given["refinement/twist"][:, :, 0] = 1
