@@ -99,19 +99,21 @@ def _path(context: Context, task: Task) -> CameraPath | None:
 
 
 def needed_arrays(plan: Plan) -> Iterator[tuple[ArraySpec, dict[str, int], str]]:
-    """(spec, shape, camera path or "") of every array of every stage that has something to do and waits for no
-    effect's decision."""
+    """(spec, shape, camera path or "") of every array of every stage that may run, has something to do and waits for
+    no effect's decision; and of those that are shorter than what is fresh of them, because a run of fewer frames was
+    stopped before it made any: what lies in their shards is whole."""
     context = plan.context
     for stage in STAGES:
         if stage.name in plan.unneeded or stage.name in context.waits:
             continue
-        verdicts = [v for v in plan.verdicts.values() if v.task.stage == stage.name]
-        if all(v.state is State.FRESH for v in verdicts):
-            continue
+        states = [v.state for v in plan.verdicts.values() if v.task.stage == stage.name]
+        runs = plan.selection.allows(stage.name) and any(s is not State.FRESH for s in states)
         for spec in stage.writes_for(context.facts):
             if isinstance(spec, ArraySpec):
                 for path in context.paths if "path" in stage.over else [None]:
-                    yield spec, context.shape(path), path or ""
+                    shape, name = context.shape(path), path or ""
+                    if runs or (State.FRESH in states and context.sequence.lacks_frames(spec, shape, name)):
+                        yield spec, shape, name
 
 
 def prepare(plan: Plan) -> None:

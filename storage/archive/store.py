@@ -419,6 +419,10 @@ class SequenceGroup:
         """Whether `ensure_array` would delete shards that are there."""
         return self._change(spec, shape, path) in ("shrink", "replace")
 
+    def lacks_frames(self, spec: ArraySpec, shape: Shape, path: str = "") -> bool:
+        """Whether the array is there and has fewer frames than the shape; all else is alike."""
+        return self._change(spec, shape, path) == "grow"
+
     def put_cameras(self) -> None:
         """Write the calibrated cameras of the record as `source/*`."""
         for name, values in cameras(self.capture.rig).items():

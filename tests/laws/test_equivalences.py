@@ -14,6 +14,7 @@ import pytest
 from posegaussian.dags.planning.plan import State
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.runtime import threads
+from posegaussian.dags.runtime.ordering import prepare
 from posegaussian.stages.registry import STAGES
 from posegaussian.storage.archive import ledger
 from posegaussian.storage.archive.receipts import scan_receipts
@@ -110,6 +111,23 @@ def test_append_then_run_equals_run_whole(person_folder: Path, tmp_path: Path) -
     whole.register()
     whole.run("held_out")
     assert_same_content(content(grown), content(whole))
+
+
+@pytest.mark.parametrize("frames", [5, 3])
+@pytest.mark.parametrize("stopped", [True, False], ids=["stopped at once", "of one stage alone"])
+def test_a_run_of_fewer_frames_that_made_nothing_leaves_what_is_fresh_usable(
+    finished: Pipeline, tmp_path: Path, stopped: bool, frames: int
+) -> None:
+    pipeline = finished.copy(tmp_path / "archive")
+    shorter, alone = pipeline.with_settings(f"frames.range=0:{frames}"), frozenset({"metrics"})
+    if stopped:
+        prepare(shorter.plan())
+    else:  # what it reads is stale for so few frames and may not be made, so nothing is
+        shorter.run(selection=Selection(only=alone), expect_failure=True)
+        assert not pipeline.ran(), "arrays of stages that may not run were cut"
+    pipeline.run(selection=Selection(force=frozenset({"frames", "depth"})))
+    assert_same_content(content(pipeline), content(finished))
+    assert receipts(pipeline) == receipts(finished)
 
 
 @pytest.mark.parametrize("settings", [[], ["frames.matte=person"]], ids=["given", "person"])
