@@ -31,13 +31,16 @@ from posegaussian.dags.tradeoff.pareto import pareto
 from posegaussian.dags.tradeoff.quality import quality
 
 NONE, HULL, SWEEP = "network.weights=none", "depth.method=hull", "depth.method=sweep"
-HALF = "frames.size=256"
+HALF, SMALLER = "frames.size=256", "frames.size=384"
 CANDIDATES: Mapping[str, tuple[str, ...]] = {
     "half hull": (HALF, HULL, NONE, "refinement.steps=0"),
     "half hull 20": (HALF, HULL, NONE, "refinement.steps=20"),
     "half sweep": (HALF, SWEEP, NONE, "refinement.steps=0"),
     "half sweep 20": (HALF, SWEEP, NONE, "refinement.steps=20"),
     "half sweep network 50": (HALF, SWEEP, "refinement.steps=50"),
+    "3/4 sweep 20": (SMALLER, SWEEP, NONE, "refinement.steps=20"),
+    "3/4 sweep network 20": (SMALLER, SWEEP, "refinement.steps=20"),
+    "3/4 sweep network 50": (SMALLER, SWEEP, "refinement.steps=50"),
     "hull": (HULL, NONE, "refinement.steps=0"),
     "hull 20": (HULL, NONE, "refinement.steps=20"),
     "hull 50": (HULL, NONE, "refinement.steps=50"),
@@ -50,6 +53,7 @@ CANDIDATES: Mapping[str, tuple[str, ...]] = {
     "sweep network": (SWEEP, "refinement.steps=0"),
     "sweep network 20": (SWEEP, "refinement.steps=20"),
     "sweep network 50": (SWEEP, "refinement.steps=50"),
+    "sweep network, 2 pairs, 50": (SWEEP, "network.pairs=2", "refinement.steps=50"),
     "default": (),
     "default 200": ("refinement.steps=200",),
 }
@@ -76,11 +80,10 @@ def measured(cell: Cell, names: tuple[str, ...]) -> list[dict[str, Any]]:
         _, held_out = film_cell(cell, folder)
         reference, _ = run_capture(folder, (held_out, *CANDIDATES["hull"]))
         for point in names:
-            half = HALF in CANDIDATES[point]
-            archive = "half" if half else "archive"
-            results, _ = run_capture(folder, (held_out, *CANDIDATES[point]), archive=archive)
+            size = next((s.partition("=")[2] for s in CANDIDATES[point] if s in (HALF, SMALLER)), None)
+            results, _ = run_capture(folder, (held_out, *CANDIDATES[point]), archive=size or "archive")
             seconds = spent(results.context)
-            found = quality(results.context, reference.context if half else results.context)
+            found = quality(results.context, reference.context if size else results.context)
             rows.append(
                 {
                     "seed": cell.seed,
