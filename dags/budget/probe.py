@@ -30,12 +30,12 @@ def with_values(settings: Any, values: Mapping[str, Any]) -> Any:
     return Settings.model_validate(merge(settings.model_dump(), partial))
 
 
-def middle(context: Context) -> str:
-    """`frames.range` of FRAMES frames in the middle of those that are worked on, the first of them one that refinement
+def middle(context: Context, count: int = FRAMES) -> str:
+    """`frames.range` of `count` frames in the middle of those that are worked on, the first of them one that refinement
     rehearses on."""
     frames = context.source_frames
-    first = max(0, len(frames) // 2 - FRAMES // 2) // FRAMES * FRAMES
-    chosen = frames[first : first + FRAMES]
+    first = max(0, len(frames) // 2 - count // 2) // FRAMES * FRAMES
+    chosen = frames[first : first + count]
     stride = int(chosen[1] - chosen[0]) if len(chosen) > 1 else 1
     return f"{chosen[0]}:{chosen[-1] + 1}:{stride}"
 

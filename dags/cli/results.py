@@ -24,6 +24,7 @@ from posegaussian.dags.humanize.text import next_command
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.session.next_steps import after_export
 from posegaussian.storage.exporters.layouts.registry import LAYOUTS
+from posegaussian.storage.model.errors import ConfigError
 
 
 def export(
@@ -158,15 +159,26 @@ def export(
 
 def tradeoff(
     knob: Annotated[
-        list[str],
+        list[str] | None,
         typer.Option(
             "--knob",
             help="A setting with quality levels, for example depth.method (may be repeated: the cross product is run).",
         ),
-    ],
+    ] = None,
     sequence: Annotated[
         str | None, typer.Option("--sequence", help="Sequence to measure on; default: the only one.")
     ] = None,
+    search: Annotated[
+        bool,
+        typer.Option(
+            "--search",
+            help="Do not run every combination: search for the front on a few frames, over the named knobs or those"
+            " that matter most.",
+        ),
+    ] = False,
+    runs: Annotated[
+        int, typer.Option("--runs", help="Settings that a search runs, on few frames and on more.", min=4, max=9999)
+    ] = 60,
     levels: Annotated[
         list[str] | None,
         typer.Option(
@@ -175,9 +187,14 @@ def tradeoff(
         ),
     ] = None,
     repeats: Annotated[
-        int,
-        typer.Option("--repeats", help="Times every stage that differs is measured; the median counts.", min=1, max=99),
-    ] = 3,
+        int | None,
+        typer.Option(
+            "--repeats",
+            help="Times every stage that differs is measured; the median counts. Default: 3, of a search 1.",
+            min=1,
+            max=99,
+        ),
+    ] = None,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -190,14 +207,22 @@ def tradeoff(
 ) -> None:
     """Measure what quality costs: run the levels of some settings, seconds a frame against PSNR, SSIM and EPE.
 
-    Example: posegaussian tradeoff --knob depth.method --knob frames.size --levels frames.size=128,256
+    Example: posegaussian tradeoff --search --sequence balance --set 'views.held_out=[cam02]'
     """
+    from posegaussian.dags.tradeoff.searched import run_search
     from posegaussian.dags.tradeoff.tradeoff import run_tradeoff
 
     if output is not None:
         output_folder("tradeoff --output", output)
+    if not knob and not search:
+        raise ConfigError(
+            "tradeoff: name a setting, for example --knob depth.method, or let --search find which settings matter"
+        )
     session = open_session(config, assignments, archive)
-    run_tradeoff(session, sequence, knob, levels or [], repeats, output)
+    if search:
+        run_search(session, sequence, knob or [], levels or [], runs, repeats or 1, output)
+    else:
+        run_tradeoff(session, sequence, knob or [], levels or [], repeats or 3, output)
     say([next_command("run", *session.options, "--budget", "3s/frame")])
 
 

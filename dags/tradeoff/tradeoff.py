@@ -33,6 +33,7 @@ from posegaussian.dags.session.session import Session
 from posegaussian.dags.tradeoff.pareto import QUALITIES, Level, front
 from posegaussian.stages.contract.declaration import extra
 from posegaussian.stages.registry import STAGES
+from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.archive import ledger
 from posegaussian.storage.archive.store import Archive, SequenceGroup
 from posegaussian.storage.files.write import write_atomically
@@ -119,9 +120,12 @@ def level_settings(context: Context, values: Mapping[str, Any]) -> Any:
 class Clock:
     """Seconds of stages, by what they made."""
 
-    def __init__(self, session: Session, fact: Literal["seconds", "cpu_seconds"] = "seconds") -> None:
-        """No times yet; `fact` of the receipts says which seconds: by the clock, or of processors."""
-        self.session, self.fact = session, fact
+    def __init__(
+        self, session: Session, fact: Literal["seconds", "cpu_seconds"] = "seconds", frames: int | None = None
+    ) -> None:
+        """No times yet; `fact` of the receipts says which seconds: by the clock, or of processors. What is done once a
+        sequence is shared by its `frames`; None: by those of a level, which are all of them."""
+        self.session, self.fact, self.frames = session, fact, frames
         self.times: dict[tuple[str, str], list[float]] = defaultdict(list)
 
     def run(self, level: Level, force: frozenset[str] = frozenset()) -> None:
@@ -163,17 +167,18 @@ class Clock:
                 if force:
                     self.run(level, force)
         for level in levels:
-            level.seconds = self._seconds(level)
+            level.seconds = self.seconds(level)
 
-    def _seconds(self, level: Level) -> dict[str, float]:
+    def seconds(self, level: Level) -> dict[str, float]:
         """{stage: seconds a frame}: the median of the measured times,
         or the sum over the receipts of a stage taken over."""
         once: dict[str, float] = defaultdict(float)
         for task, receipt in Book.open(level.context).receipts.items():
             once[task.stage] += receipt.facts.get(self.fact, 0.0)
-        frames = level.context.grid.frames
+        own = level.context.grid.frames
         return {
-            s: (statistics.median(t) if (t := self.times.get((s, i))) else once[s]) / frames
+            s: (statistics.median(t) if (t := self.times.get((s, i))) else once[s])
+            / (self.frames or own if stage_named(s).sequence_wide else own)
             for s, i in level.identities.items()
         }
 
@@ -194,6 +199,17 @@ def identities(context: Context) -> dict[str, str]:
     return {stage: digest(parts) for stage, parts in found.items()}
 
 
+def with_truth(session: Session, name: str) -> Context:
+    """The sequence with the path of its held-out cameras. Raises UserError where it has none."""
+    own = Context(session.archive.sequence(name), session.configuration.for_sequence(name), ())
+    if not own.held_out:
+        raise UserError(
+            f"tradeoff: sequence {name} has no held-out truth to measure against; name cameras to keep aside, for"
+            f" example --set 'views.held_out=[{own.capture.rig.names[-1]}]'"
+        )
+    return session.context(name, PATH)
+
+
 def measured(
     session: Session, name: str, knobs: Sequence[str], texts: Sequence[str], repeats: int
 ) -> tuple[list[Level], int]:
@@ -203,13 +219,7 @@ def measured(
     """
     from posegaussian.dags.tradeoff.quality import quality
 
-    own = Context(session.archive.sequence(name), session.configuration.for_sequence(name), ())
-    if not own.held_out:
-        raise UserError(
-            f"tradeoff: sequence {name} has no held-out truth to measure against; name cameras to keep aside, for"
-            f" example --set 'views.held_out=[{own.capture.rig.names[-1]}]'"
-        )
-    origin = session.context(name, PATH)
+    origin = with_truth(session, name)
     chosen = chosen_levels(origin, knobs, texts)
     combinations = [dict(zip(chosen, values, strict=True)) for values in itertools.product(*chosen.values())]
     if len(combinations) < 2:
@@ -297,31 +307,44 @@ def run_tradeoff(
 ) -> list[Level]:
     """The command: measure, print the table, write tradeoff.parquet and tradeoff.png;
     returns the levels, cheapest first."""
-    from posegaussian.dags.tradeoff.figure import draw
+    name = only_sequence(session, sequence)
+    levels, size = measured(session, name, knobs, texts, repeats)
+    present(session, name, levels, size, repeats, output)
+    return levels
 
+
+def only_sequence(session: Session, sequence: str | None) -> str:
+    """The one that is meant. Raises ConfigError for several."""
     names = session.names([sequence] if sequence else ())
     if len(names) != 1:
         raise ConfigError(
             f"tradeoff works on one sequence; say which with --sequence, the archive has {', '.join(names)}"
         )
-    levels, size = measured(session, names[0], knobs, texts, repeats)
+    return names[0]
+
+
+def present(session: Session, name: str, levels: Sequence[Level], size: int, repeats: int, output: Path | None) -> None:
+    """Print the table of levels, cheapest first, measured at `size` px and timed so often; write it, and its
+    picture."""
+    from posegaussian.dags.tradeoff.figure import draw
+
     context = levels[0].context
     where = machine(session.configuration.default.run.threads)
+    taken = f"medians of {repeats}" if repeats > 1 else "of one run each"
     what = (
-        f"{names[0]}: {context.grid.frames} frames, {len(context.views.sources)} source views,"
+        f"{name}: {number(context.grid.frames, 'frame')}, {len(context.views.sources)} source views,"
         f" {len(context.views.held_out)} held-out pictures a frame, quality measured at {size} px"
     )
-    folder, found = output or Path(f"tradeoff-{names[0]}"), rows(levels)
+    folder, found = output or Path(f"tradeoff-{name}"), rows(levels)
     session.say([what, *as_lines(found)])
-    session.say([f"times are medians of {repeats} on {where}"])
+    session.say([f"times are {taken} on {where}"])
     about = {
-        "sequence": names[0],
+        "sequence": name,
         "machine": where,
         "repeats": str(repeats),
         "measured_at_px": str(size),
         "frames": str(context.grid.frames),
     }
     write_parquet(folder / "tradeoff.parquet", found, about)
-    draw(folder / "tradeoff.png", levels, what, f"medians of {repeats} on {where}")
+    draw(folder / "tradeoff.png", levels, what, f"{taken} on {where}")
     session.say([f"table: {folder / 'tradeoff.parquet'}", f"picture: {folder / 'tradeoff.png'}"])
-    return levels
