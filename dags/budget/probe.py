@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from posegaussian.dags.config.settings import Settings, merge
 from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.plan import Plan, make_plan
@@ -36,7 +38,7 @@ def middle(context: Context, count: int = FRAMES) -> str:
     frames = context.source_frames
     first = max(0, len(frames) // 2 - count // 2) // FRAMES * FRAMES
     chosen = frames[first : first + count]
-    stride = int(chosen[1] - chosen[0]) if len(chosen) > 1 else 1
+    stride = int(np.gcd.reduce(np.diff(chosen))) if len(chosen) > 1 else 1
     return f"{chosen[0]}:{chosen[-1] + 1}:{stride}"
 
 

@@ -162,7 +162,8 @@ def tradeoff(
         list[str] | None,
         typer.Option(
             "--knob",
-            help="A setting with quality levels, for example depth.method (may be repeated: the cross product is run).",
+            help="A setting with quality levels, for example depth.method (may be repeated: the cross product is run,"
+            " or searched).",
         ),
     ] = None,
     sequence: Annotated[
@@ -177,8 +178,11 @@ def tradeoff(
         ),
     ] = False,
     runs: Annotated[
-        int, typer.Option("--runs", help="Settings that a search runs, on few frames and on more.", min=4, max=9999)
-    ] = 60,
+        int | None,
+        typer.Option(
+            "--runs", help="Settings that a search runs, on few frames and on more; default: 60.", min=15, max=600
+        ),
+    ] = None,
     levels: Annotated[
         list[str] | None,
         typer.Option(
@@ -218,12 +222,16 @@ def tradeoff(
         raise ConfigError(
             "tradeoff: name a setting, for example --knob depth.method, or let --search find which settings matter"
         )
+    if runs is not None and not search:
+        raise ConfigError(f"tradeoff: --runs {runs} is for --search; without it every combination of levels is run")
     session = open_session(config, assignments, archive)
+    better: tuple[str, ...] = ()
     if search:
-        run_search(session, sequence, knob or [], levels or [], runs, repeats or 1, output)
+        _, better = run_search(session, sequence, knob or [], levels or [], runs or 60, repeats or 1, output)
     else:
         run_tradeoff(session, sequence, knob or [], levels or [], repeats or 3, output)
-    say([next_command("run", *session.options, "--budget", "3s/frame")])
+    further = [word for w in better for word in ("--set", w)] or ["--budget", "3s/frame"]
+    say([next_command("run", *session.options, *further)])
 
 
 def effects(

@@ -3,6 +3,8 @@ what is equal and never touch the user's results."""
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -24,6 +26,7 @@ from posegaussian.dags.tradeoff.tradeoff import (
     present,
     with_truth,
 )
+from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.model.errors import ConfigError, UserError
 
 SPACE: Mapping[str, str] = {
@@ -39,7 +42,7 @@ SPACE: Mapping[str, str] = {
 """{knob: levels, cheap to dear} that are searched where none is named: what pictures follow from, as far as one can
 wait for it."""
 LADDER = (1, FRAMES, 4 * FRAMES)
-"""Frames of the rungs."""
+"""Frames of the rungs. On a single one refinement seems dearer than it is: it rehearses once for FRAMES of them."""
 MEASURE = "psnr box"
 
 
@@ -51,11 +54,12 @@ def run_search(
     runs: int,
     repeats: int,
     output: Path | None,
-) -> list[Level]:
+) -> tuple[list[Level], tuple[str, ...]]:
     """The command: search, time what is left at the end `repeats` times, print the table, write it and its picture.
 
-    Returns the levels of the last rung, cheapest first. Raises UserError without held-out cameras, ConfigError for
-    knobs and levels that cannot be.
+    Returns the levels of the last rung, cheapest first, and for `--set` what makes of today's settings better ones that
+    take no longer, nothing where there are none. Raises UserError without held-out cameras and where today's settings
+    cannot be run, ConfigError for knobs and levels that cannot be.
     """
     name = only_sequence(session, sequence)
     origin = with_truth(session, name)
@@ -63,39 +67,41 @@ def run_search(
     threads.limit(session.configuration.default.run.threads)
     counts = [len(values) for values in trials.levels.values()]
     found = search(counts, trials.own, len(trials.frames), runs, trials)
-    if not found:
-        raise UserError(f"tradeoff: none of the settings could be run on {name}; the sentences above say why")
     last = len(trials.frames) - 1
     levels = [trials.made[setting, last] for setting in found]
+    if not levels:
+        raise UserError(f"tradeoff: no setting was left for {number(trials.frames[-1], 'frame')} of {name}, see above")
     if repeats > 1:
         trials.clock.measure(levels, repeats)
     levels.sort(key=lambda level: level.total)
-    size = int(trials.reference(last).rig.size.max())
-    present(session, name, levels, size, repeats, output)
-    session.say([trials.account(), *_against_own(trials, levels)])
-    return levels
+    present(session, name, levels, int(trials.reference(last).rig.size.max()), repeats, output)
+    line, words = against_own(levels, trials.made.get((trials.own, last)))
+    session.say([trials.account(), line])
+    return levels, words
 
 
 def space(context: Context, knobs: Sequence[str], texts: Sequence[str]) -> dict[str, list[Any]]:
-    """{knob: levels, cheap to dear}, what is set today among them; knobs of a single level are left out."""
+    """{knob: levels, cheap to dear}, what is set today among them; knobs of a single level are left out. Raises
+    ConfigError for knobs and levels that cannot be."""
     named = {text.partition("=")[0] for text in texts}
     ours = [f"{k}={levels}" for k, levels in SPACE.items() if k not in named and (not knobs or k in knobs)]
     chosen = chosen_levels(context, knobs or list(SPACE), [*texts, *ours])
     for knob, values in chosen.items():
-        own = _own(context, knob)
-        if own not in values:
+        if (own := _own(context, knob)) not in values:
             values.append(own)
+        for value in values:
+            level_settings(context, {knob: value})  # a level that cannot be is told before anything runs
+        if all(v is None or isinstance(v, int | float) for v in values):
+            values.sort(key=lambda v: (v is None, v))
     if not (several := {knob: values for knob, values in chosen.items() if len(values) > 1}):
         raise ConfigError("tradeoff --search: every knob has a single level; give more with --levels KNOB=LEVEL,LEVEL")
     return several
 
 
 def _own(context: Context, knob: str) -> Any:
-    """What a knob is set to; a size that is not smaller than the captured pictures is None."""
+    """What a knob is set to."""
     stage, _, key = knob.partition(".")
-    value = getattr(getattr(context.settings, stage), key)
-    value = getattr(value, "value", value)
-    return None if knob == "frames.size" and value and value >= int(context.capture.rig.size.max()) else value
+    return context.settings.model_dump()[stage][key]
 
 
 class Trials:
@@ -106,59 +112,81 @@ class Trials:
         self.session, self.origin, self.levels = session, origin, levels
         self.own: Setting = tuple(values.index(_own(origin, knob)) for knob, values in levels.items())
         """What is set today."""
-        self.frames = sorted({min(n, origin.grid.frames) for n in LADDER})
+        # what works on several frames together says nothing on one
+        rungs = LADDER if levels.keys() <= SPACE.keys() else LADDER[1:]
+        self.frames = sorted({min(n, origin.grid.frames) for n in rungs})
         """Of each rung."""
         self.made: dict[tuple[Setting, int], Level] = {}
-        self.clock, self._warm = Clock(session, frames=origin.grid.frames), set[str]()
+        self.asked = Counter[int]()
+        """Trials of each rung."""
+        self.clock = Clock(session, frames=origin.grid.frames)
+        self._warm: set[tuple[str, str]] = set()
 
     def __call__(self, setting: Setting, rung: int) -> Tried | None:
         """What came of a setting; None, and a sentence, where it cannot be."""
         from posegaussian.dags.tradeoff.quality import quality
 
+        reference = self.reference(rung)
+        self.asked[rung] += 1
         try:
             level = self._run(setting, rung)
-            level.quality = quality(level.context, self.reference(rung))
         except UserError as e:
             self.session.say([f"{self._label(setting)}: left out: {e}"])
             return None
+        level.quality = quality(level.context, reference)
+        if MEASURE not in level.quality:
+            frames = middle(self.origin, self.frames[rung])
+            raise UserError(
+                f"tradeoff: no held-out camera has a picture of the subject in frames {frames} of"
+                f" {self.origin.sequence.name}; choose others with frames.range, or hold out other cameras"
+            )
         found = Tried(level.seconds, level.quality[MEASURE])
         told = f"{found.total:.2f} s a frame, {found.quality:.2f} dB"
         self.session.say([f"{number(self.frames[rung], 'frame')}: {level.label()}: {told}"])
         return found
 
     def reference(self, rung: int) -> Context:
-        """Whose pictures truth is taken from: of the setting of today, at the largest size that is searched."""
-        sizes = self.levels.get("frames.size", [None])
-        longest = int(self.origin.capture.rig.size.max())
-        largest = max(range(len(sizes)), key=lambda i: min(sizes[i] or longest, longest))
-        at = list(self.levels).index("frames.size") if "frames.size" in self.levels else None
-        setting = self.own if at is None else (*self.own[:at], largest, *self.own[at + 1 :])
+        """Whose pictures truth is taken from: of the setting of today, at the largest size that is searched. Raises
+        UserError where that cannot be run."""
+        setting = self.own
+        if "frames.size" in self.levels:
+            at = list(self.levels).index("frames.size")
+            setting = (*self.own[:at], len(self.levels["frames.size"]) - 1, *self.own[at + 1 :])
         return self._run(setting, rung).context
 
     def account(self) -> str:
         """How many settings were tried on how many frames."""
-        tried = [sum(rung == r for _, rung in self.made) for r in range(len(self.frames))]
-        every = 1
-        for values in self.levels.values():
-            every *= len(values)
-        parts = [f"{t} on {number(f, 'frame')}" for t, f in zip(tried, self.frames, strict=True)]
+        every = math.prod(len(values) for values in self.levels.values())
+        parts = [f"{self.asked[r]} on {number(f, 'frame')}" for r, f in enumerate(self.frames)]
         return f"of {number(every, 'setting')} {', '.join(parts)} were tried"
 
     def _run(self, setting: Setting, rung: int) -> Level:
-        """Run once; what an earlier one made and would come out equal is taken over. A first task of a stage loads
-        libraries and kernels, which no later one does: it is run again."""
+        """Run once; what an earlier one made and would come out equal is taken over.
+
+        A first task of a stage loads libraries, weights and kernels, which no later one does: it is run again. On the
+        last rung so is what an earlier run made, whose seconds are from other circumstances.
+        """
         if (setting, rung) in self.made:
             return self.made[setting, rung]
         values = {knob: levels[i] for (knob, levels), i in zip(self.levels.items(), setting, strict=True)}
         different = {**values, "frames.range": middle(self.origin, self.frames[rung])}
-        settings = level_settings(self.origin, different)
-        level = Level(values, settled_variant(self.origin.sequence, settings, different, PATH))
+        level = Level(
+            values, settled_variant(self.origin.sequence, level_settings(self.origin, different), different, PATH)
+        )
         self.clock.run(level)
-        if fresh := frozenset(level.identities.keys() - self._warm):
-            self._warm |= fresh
-            for stage in fresh:
-                self.clock.times.pop((stage, level.identities[stage]), None)
-            self.clock.run(level, fresh)
+        own = {s: str({k: v for k, v in values.items() if k.startswith(f"{s}.")}) for s in level.identities}
+        cold = frozenset(s for s in own if (s, own[s]) not in self._warm and not stage_named(s).sequence_wide)
+        for stage in cold:
+            self.clock.times.pop((stage, level.identities[stage]), None)
+        self._warm |= {(s, own[s]) for s in cold}
+        if rung == len(self.frames) - 1:
+            cold = frozenset(
+                s
+                for s, identity in level.identities.items()
+                if not stage_named(s).sequence_wide and not self.clock.times.get((s, identity))
+            )
+        if cold:
+            self.clock.run(level, cold)
         level.seconds = self.clock.seconds(level)
         self.made[setting, rung] = level
         return level
@@ -167,16 +195,18 @@ class Trials:
         return " ".join(f"{k}={v[i]}" for (k, v), i in zip(self.levels.items(), setting, strict=True))
 
 
-def _against_own(trials: Trials, levels: Sequence[Level]) -> list[str]:
-    """Where what is set today lies, and what is better and takes no longer."""
-    own = trials.made[trials.own, len(trials.frames) - 1]
-    if own not in levels:
-        return []
-    better = [v for v in levels if v.total <= own.total and v.quality[MEASURE] > own.quality[MEASURE]]
+def against_own(levels: Sequence[Level], own: Level | None) -> tuple[str, tuple[str, ...]]:
+    """Where what is set today lies among levels, and for `--set` what is better and takes no longer: of more quality,
+    else of as much in less time."""
+    if own is None or own not in levels:
+        return "what is set today could not be run on so many frames", ()
     line = f"what is set today is line {list(levels).index(own) + 1}"
-    if not better:
-        return [f"{line}, on the front"]
-    best = max(better, key=lambda v: v.quality[MEASURE])
-    gain = best.quality[MEASURE] - own.quality[MEASURE]
-    words = " ".join(f"--set {k}={v}" for k, v in best.values.items() if v != own.values[k] and v is not None)
-    return [f"{line}; line {list(levels).index(best) + 1} takes no longer and has {gain:.2f} dB more: {words}"]
+    good = own.quality[MEASURE]
+    others = [v for v in levels if v.total <= own.total and v.quality[MEASURE] >= good and v is not own]
+    if not others:
+        return f"{line}, on the front", ()
+    best = max(others, key=lambda v: (v.quality[MEASURE], -v.total))
+    more, less = best.quality[MEASURE] - good, own.total - best.total
+    told = f"has {more:.2f} dB more and takes no longer" if more > 0 else f"is as good and takes {less:.2f} s less"
+    words = tuple(f"{k}={'null' if v is None else v}" for k, v in best.values.items() if v != own.values[k])
+    return f"{line}; line {list(levels).index(best) + 1} {told}: {' '.join(f'--set {w}' for w in words)}", words
