@@ -53,7 +53,6 @@ CANDIDATES: Mapping[str, tuple[str, ...]] = {
     "sweep network": (SWEEP, "refinement.steps=0"),
     "sweep network 20": (SWEEP, "refinement.steps=20"),
     "sweep network 50": (SWEEP, "refinement.steps=50"),
-    "sweep network, 1 pair, 50": (SWEEP, "network.pairs=1", "refinement.steps=50"),
     "default": (),
     "default 200": ("refinement.steps=200",),
 }

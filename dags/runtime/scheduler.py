@@ -13,7 +13,7 @@ from posegaussian.dags.planning.effects import EffectVerdict
 from posegaussian.dags.planning.plan import Plan, State, TaskVerdict, judge, kept_result, take_decisions
 from posegaussian.dags.planning.receipt_index import Book
 from posegaussian.dags.planning.selection import Selection
-from posegaussian.dags.planning.tasks import Task, dependencies, tasks
+from posegaussian.dags.planning.tasks import Task, deciding, dependencies, tasks
 from posegaussian.dags.provenance import builds
 from posegaussian.dags.provenance.code_digest import code_digest
 from posegaussian.dags.runtime.entering import enter, make_arrays
@@ -183,6 +183,8 @@ class Run:
             self._decide(plan)
         if task in self.ended:
             return  # of a camera path that is none any more
+        if task.stage in plan.context.waits and self._waits_for_more(plan, task):
+            return
         if task.stage in plan.unneeded:
             self.tell(TaskFresh(task))
             self._release(task, "unneeded")
@@ -206,6 +208,15 @@ class Run:
             self.out.add(task)
             self.reasons[task] = why
             self.flight.add((-DEPTH[task.stage], self.order[task]), task, order)
+
+    def _waits_for_more(self, plan: Plan, task: Task) -> bool:
+        """Whether what was just decided leaves something open that was not before, such as whether anybody reads what
+        the task makes once a stage that was named is off; the task then waits for what settles that."""
+        more = {d for d in deciding(plan.context, task.stage) if d in self.order and d not in self.ended}
+        self.waiting[task] |= more
+        for d in more:
+            self.dependents[d].append(task)
+        return bool(more)
 
     def _take_over(self, plan: Plan, task: Task, parts: dict[str, Any]) -> bool:
         """Put what an earlier run made of the same in the task's place; False where there is none, or another run

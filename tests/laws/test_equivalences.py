@@ -130,6 +130,23 @@ def test_a_run_of_fewer_frames_that_made_nothing_leaves_what_is_fresh_usable(
     assert receipts(pipeline) == receipts(finished)
 
 
+def test_a_run_of_named_stages_decides_as_one_of_all_does(finished: Pipeline, tmp_path: Path) -> None:
+    """Stages that are named are made though nobody reads them; that smoothing is off leaves open again whether anybody
+    reads heatmaps, which the judge of the network settles while pose is ready to begin."""
+    auto = ["effects.temporal_smoothing=auto", "network.weights=auto", "views.trust=auto", "keep={}"]
+    auto += ["frames.range=0:2", "judge.views=1"]
+    found = []
+    for selection in (Selection(), Selection(only=frozenset({s.name for s in STAGES} - {"metrics"}))):
+        pipeline = Pipeline(tmp_path / f"archive{len(found)}", finished.folder, auto, held_out="[]")
+        pipeline.register()
+        pipeline.run(selection=selection, expect_failure=bool(selection.only))
+        found.append(content(pipeline, but=("metrics",)))
+    # what nobody reads is made where it is named
+    whole, named = found
+    assert whole.keys() <= named.keys()
+    assert_same_content(whole, {name: named[name] for name in whole})
+
+
 @pytest.mark.parametrize("settings", [[], ["frames.matte=person"]], ids=["given", "person"])
 def test_nothing_of_a_held_out_view_but_its_camera_reaches_a_stage_before_metrics(
     tmp_path: Path, settings: list[str]
