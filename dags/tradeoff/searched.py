@@ -142,7 +142,7 @@ class Trials:
             )
         found = Tried(level.seconds, level.quality[MEASURE])
         told = f"{found.total:.2f} s a frame, {found.quality:.2f} dB"
-        self.session.say([f"{number(self.frames[rung], 'frame')}: {level.label()}: {told}"])
+        self.session.say([f"{number(self.frames[rung], 'frame')}, {self._label(setting)}: {told}"])
         return found
 
     def reference(self, rung: int) -> Context:
@@ -192,7 +192,13 @@ class Trials:
         return level
 
     def _label(self, setting: Setting) -> str:
-        return " ".join(f"{k}={v[i]}" for (k, v), i in zip(self.levels.items(), setting, strict=True))
+        """What differs from what is set today."""
+        changed = [
+            f"{knob}={'full' if levels[i] is None else levels[i]}"
+            for (knob, levels), i, own in zip(self.levels.items(), setting, self.own, strict=True)
+            if i != own
+        ]
+        return " ".join(changed) or "as it is set"
 
 
 def against_own(levels: Sequence[Level], own: Level | None) -> tuple[str, tuple[str, ...]]:
