@@ -37,13 +37,14 @@ def _learned(depth: str, steps: int) -> dict[str, Any]:
 
 
 POINTS = (
-    Point("preview", "half size, depth from silhouettes alone", -6.1, _floor("hull", 0), 0.5),
+    Point("preview", "half size, depth from silhouettes alone", -6.3, _floor("hull", 0), 0.5),
     Point("half, matched", "half size, matched depth, 20 steps of refinement", -2.9, _floor("sweep", 20), 0.5),
-    Point("half, learned", "half size, matched depth, network, 50 steps", -1.9, _learned("sweep", 50), 0.5),
-    Point("matched", "matched depth, 20 steps of refinement", -1.1, _floor("sweep", 20)),
+    Point("3/4, matched", "three quarters of the size, matched depth, 20 steps", -1.8, _floor("sweep", 20), 0.75),
+    Point("3/4, learned", "three quarters, matched depth, network, 20 steps", -1.1, _learned("sweep", 20), 0.75),
+    Point("3/4, finer", "three quarters, matched depth, network, 50 steps", -0.6, _learned("sweep", 50), 0.75),
     Point("learned", "matched depth, network, 20 steps of refinement", -0.3, _learned("sweep", 20)),
     Point("balanced", "depth and network by the judge, 50 steps of refinement", 0.0, _learned("auto", 50)),
-    Point("dear", "depth and network by the judge, 200 steps of refinement", 0.1, _learned("auto", 200)),
+    Point("dear", "depth and network by the judge, 200 steps of refinement", 0.2, _learned("auto", 200)),
 )
 """Cheapest first."""
 PRESETS = ("preview", "balanced", "dear")
