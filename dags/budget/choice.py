@@ -42,10 +42,7 @@ class Expected:
     def told(self, frames: int) -> str:
         """`preview (half size, ...): 12.0 s, 0.40 s a frame, -5.2 dB against the default on simulated people`."""
         p = self.point
-        against = (
-            f"{p.against_default:+.1f} dB against the default on simulated people" if p.settings else "the default"
-        )
-        return f"{p.name} ({p.told}): {seconds_text(self.seconds)}, {self.seconds / frames:.2g} s a frame, {against}"
+        return f"{p.name} ({p.told}): {seconds_text(self.seconds)}, {self.seconds / frames:.2g} s a frame, {p.worth}"
 
 
 @dataclass(frozen=True)
@@ -81,10 +78,15 @@ def preset_values(session: Session, names: Sequence[str], name: str) -> dict[str
 
 
 def choose(
-    session: Session, names: Sequence[str], paths: tuple[str, ...], amount: Amount, selection: Selection
+    session: Session,
+    names: Sequence[str],
+    paths: tuple[str, ...],
+    amount: Amount,
+    selection: Selection,
+    points: Sequence[Point] = POINTS,
 ) -> Choice:
-    """The dearest point that fits, found from the cheapest up by running each on a few frames of the largest sequence.
-    What that takes counts where the time of the whole run is given.
+    """The dearest of the points that fits, found from the cheapest up by running each on a few frames of the largest
+    sequence. What that takes counts where the time of the whole run is given.
 
     Raises ConfigError where not even the cheapest one fits, RunFailed where a probe fails.
     """
@@ -96,7 +98,7 @@ def choose(
     better = None
     session.say([f"measuring what settings take on a few frames of {probe.context.sequence.name}, cheapest first"])
     try:
-        for point, values in distinct(contexts, given(session.configuration)):
+        for point, values in distinct(contexts, given(session.configuration), points):
             expected = Expected(point, values, seconds(contexts, values, probe.rates(values), selection))
             session.hint([expected.told(frames)])
             if expected.seconds > amount.over(frames) - (0 if amount.a_frame else time.monotonic() - begun):
@@ -114,11 +116,13 @@ def choose(
     return Choice(fitting[-1], fitting[-2] if len(fitting) > 1 else None, better, amount, frames)
 
 
-def distinct(contexts: Sequence[Context], own: Collection[str]) -> Iterator[tuple[Point, dict[str, Any]]]:
+def distinct(
+    contexts: Sequence[Context], own: Collection[str], points: Sequence[Point] = POINTS
+) -> Iterator[tuple[Point, dict[str, Any]]]:
     """The points with what each sets, cheapest first, without those that set what an earlier one does; `own`
     {stage.key} the user set."""
     seen: list[dict[str, Any]] = []
-    for point in POINTS:
+    for point in points:
         values = _values(point, contexts, own)
         if values not in seen:
             seen.append(values)

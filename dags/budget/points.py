@@ -15,13 +15,20 @@ class Point:
     name: str
     told: str
     """What it does, in a few words."""
-    against_default: float
+    against: float
     """Box PSNR against the default's, dB: mean over simulated people that nothing was tuned on, of
-    `python -m benchmarks.quality.front`."""
+    `python -m benchmarks.quality.front`. Of a front that was measured on a sequence: against the best on it."""
     settings: Mapping[str, Any] = field(default_factory=dict)
     """{stage.key: value}; what is not named stays as it is set."""
     size: float = 1.0
     """Share of the pictures' longest side that is kept."""
+    measured: str | None = None
+    """What was measured of it where that was on a sequence of the user's."""
+
+    @property
+    def worth(self) -> str:
+        """Its quality, in words."""
+        return self.measured or f"{self.against:+.1f} dB against the default on simulated people"
 
     def values(self, longest: int) -> dict[str, Any]:
         """{stage.key: value} for pictures of `longest` px."""

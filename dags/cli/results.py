@@ -214,7 +214,7 @@ def tradeoff(
     Example: posegaussian tradeoff --search --sequence balance --set 'views.held_out=[cam02]'
     """
     from posegaussian.dags.tradeoff.searched import run_search
-    from posegaussian.dags.tradeoff.tradeoff import run_tradeoff
+    from posegaussian.dags.tradeoff.tradeoff import run_tradeoff, table_file
 
     if output is not None:
         output_folder("tradeoff --output", output)
@@ -227,10 +227,11 @@ def tradeoff(
     session = open_session(config, assignments, archive)
     better: tuple[str, ...] = ()
     if search:
-        _, better = run_search(session, sequence, knob or [], levels or [], runs or 60, repeats or 1, output)
+        made, better = run_search(session, sequence, knob or [], levels or [], runs or 60, repeats or 1, output)
     else:
-        run_tradeoff(session, sequence, knob or [], levels or [], repeats or 3, output)
-    further = [word for w in better for word in ("--set", w)] or ["--budget", "3s/frame"]
+        made = run_tradeoff(session, sequence, knob or [], levels or [], repeats or 3, output)
+    file = table_file(made[0].context.sequence.name, output)
+    further = [word for w in better for word in ("--set", w)] or ["--budget", "3s/frame", "--front", str(file)]
     say([next_command("run", *session.options, *further)])
 
 

@@ -117,6 +117,14 @@ def run(
             f" on a few frames first; or by name, unmeasured: {', '.join(PRESETS)}. What you set yourself stays.",
         ),
     ] = None,
+    front: Annotated[
+        Path | None,
+        typer.Option(
+            "--front",
+            help="A tradeoff.parquet: the settings that a budget chooses from, as measured on a sequence of yours,"
+            " instead of those that come with the program.",
+        ),
+    ] = None,
     scheduler: SchedulerOption = None,
     json: JsonOption = False,
     verbose: VerboseOption = False,
@@ -131,10 +139,12 @@ def run(
     selection, paths = selected(only, start, force), tuple(path or ())
     names = session.names(sequence or ())
     settled = None
+    if front is not None and budget is None:
+        raise ConfigError(f"run: --front {front} is for --budget; say how many seconds there are, as --budget 3s/frame")
     if budget is not None:
         from posegaussian.dags.budget.bought import bought
 
-        settled = bought(session, names, paths, budget, selection)
+        settled = bought(session, names, paths, budget, selection, front)
         session = open_session(
             config, [*(assignments or []), *settled.words], archive, scheduler, json, voice(verbose, quiet)
         )

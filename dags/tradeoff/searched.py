@@ -44,6 +44,8 @@ wait for it."""
 LADDER = (1, FRAMES, 4 * FRAMES)
 """Frames of the rungs. On a single one refinement seems dearer than it is: it rehearses once for FRAMES of them."""
 MEASURE = "psnr box"
+LESS = 0.05
+"""Share of the seconds by which a setting that is as good must be cheaper: runs of the same differ by as much."""
 
 
 def run_search(
@@ -203,14 +205,19 @@ class Trials:
 
 def against_own(levels: Sequence[Level], own: Level | None) -> tuple[str, tuple[str, ...]]:
     """Where what is set today lies among levels, and for `--set` what is better and takes no longer: of more quality,
-    else of as much in less time."""
+    else of as much in clearly less time."""
     if own is None or own not in levels:
         return "what is set today could not be run on so many frames", ()
     line = f"what is set today is line {list(levels).index(own) + 1}"
     good = own.quality[MEASURE]
-    others = [v for v in levels if v.total <= own.total and v.quality[MEASURE] >= good and v is not own]
+    others = [
+        v
+        for v in levels
+        if (v.total <= own.total and v.quality[MEASURE] > good)
+        or (v.total < (1 - LESS) * own.total and v.quality[MEASURE] == good)
+    ]
     if not others:
-        return f"{line}, on the front", ()
+        return f"{line}; none is better and takes no longer", ()
     best = max(others, key=lambda v: (v.quality[MEASURE], -v.total))
     more, less = best.quality[MEASURE] - good, own.total - best.total
     told = f"has {more:.2f} dB more and takes no longer" if more > 0 else f"is as good and takes {less:.2f} s less"

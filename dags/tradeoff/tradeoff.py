@@ -330,12 +330,12 @@ def present(session: Session, name: str, levels: Sequence[Level], size: int, rep
 
     context = levels[0].context
     where = machine(session.configuration.default.run.threads)
-    taken = f"medians of {repeats}" if repeats > 1 else "of one run each"
+    taken = f"medians of {repeats}" if repeats > 1 else "single runs"
     what = (
         f"{name}: {number(context.grid.frames, 'frame')}, {len(context.views.sources)} source views,"
         f" {len(context.views.held_out)} held-out pictures a frame, quality measured at {size} px"
     )
-    folder, found = output or Path(f"tradeoff-{name}"), rows(levels)
+    file, found = table_file(name, output), rows(levels)
     session.say([what, *as_lines(found)])
     session.say([f"times are {taken} on {where}"])
     about = {
@@ -345,6 +345,12 @@ def present(session: Session, name: str, levels: Sequence[Level], size: int, rep
         "measured_at_px": str(size),
         "frames": str(context.grid.frames),
     }
-    write_parquet(folder / "tradeoff.parquet", found, about)
-    draw(folder / "tradeoff.png", levels, what, f"{taken} on {where}")
-    session.say([f"table: {folder / 'tradeoff.parquet'}", f"picture: {folder / 'tradeoff.png'}"])
+    picture = file.with_suffix(".png")
+    write_parquet(file, found, about)
+    draw(picture, levels, what, f"{taken} on {where}")
+    session.say([f"table: {file}", f"picture: {picture}"])
+
+
+def table_file(name: str, output: Path | None) -> Path:
+    """Where the table of a sequence is written."""
+    return (output or Path(f"tradeoff-{name}")) / "tradeoff.parquet"

@@ -58,7 +58,7 @@ def test_what_is_no_amount_is_a_sentence(text: str) -> None:
 
 
 def test_points_go_from_cheap_and_coarse_to_dear_and_fine() -> None:
-    assert [p.against_default for p in POINTS] == sorted(p.against_default for p in POINTS)
+    assert [p.against for p in POINTS] == sorted(p.against for p in POINTS)
     assert len({p.name for p in POINTS}) == len(POINTS)
     assert set(PRESETS) <= {p.name for p in POINTS}
 
@@ -113,7 +113,7 @@ def test_more_time_never_buys_less(filmed: Pipeline, took: list[float], budgets:
         assert made.chosen.point == POINTS[fits[-1]]
         assert made.cheaper is None if len(fits) == 1 else made.cheaper.point == POINTS[fits[-2]]
         assert made.better is None if len(fits) == len(POINTS) else made.better.point == POINTS[fits[-1] + 1]
-        bought.append(made.chosen.point.against_default)
+        bought.append(made.chosen.point.against)
     assert bought == sorted(bought)
 
 

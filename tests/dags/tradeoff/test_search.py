@@ -237,8 +237,9 @@ def test_what_is_better_than_what_is_set_is_said_as_settings() -> None:
     told, words = against_own([same, own], own)
     assert "line 1 is as good and takes 2.00 s less: --set method=sgbm" in told
     assert words == ("method=sgbm",)
-    assert against_own([own, dearer], own) == ("what is set today is line 1, on the front", ())
+    assert against_own([own, dearer], own) == ("what is set today is line 1; none is better and takes no longer", ())
     assert against_own([dearer], None)[1] == ()
+    assert against_own([level(9.9, 28.0, method="sgbm", size=600), own], own)[1] == (), "no more than noise"
 
 
 def test_what_is_set_is_searched_too_and_what_cannot_be_is_refused_before_anything_runs(finished: Pipeline) -> None:

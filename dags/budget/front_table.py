@@ -1,0 +1,40 @@
+"""The front that `tradeoff` measured on a sequence, as points that a budget can buy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from posegaussian.dags.budget.points import Point
+from posegaussian.dags.config.yaml_source import parse_value
+from posegaussian.storage.model.errors import ConfigError
+
+SECONDS, QUALITY = " s/frame", "psnr box dB"
+
+
+def front_points(file: Path) -> tuple[Point, ...]:
+    """The settings on the front of seconds against box PSNR of a `tradeoff.parquet`, cheapest first. Raises ConfigError
+    for a file that is none."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    wanted = f"--front {file}: a tradeoff.parquet is expected, as `posegaussian tradeoff --search` writes it"
+    try:
+        table = pq.read_table(file)
+    except (OSError, pa.ArrowException) as e:
+        raise ConfigError(f"{wanted}: {e}") from e
+    names, sequence = table.column_names, (table.schema.metadata or {}).get(b"sequence")
+    first = next((i for i, name in enumerate(names) if name.endswith(SECONDS)), 0)
+    if sequence is None or not first or not {f"total{SECONDS}", QUALITY, "front"} <= {*names}:
+        raise ConfigError(f"{wanted}; its columns are {', '.join(names)}")
+    rows = sorted((r for r in table.to_pylist() if r["front"]), key=lambda r: float(r[f"total{SECONDS}"]))
+    best = rows[-1][QUALITY]
+    return tuple(
+        Point(
+            f"line {i} of the front",
+            ", ".join(f"{knob} {row[knob]}" for knob in names[:first]),
+            row[QUALITY] - best,
+            {knob: None if row[knob] == "full" else parse_value(row[knob]) for knob in names[:first]},
+            measured=f"{row[QUALITY]:.2f} dB there of held-out cameras of {sequence.decode()}",
+        )
+        for i, row in enumerate(rows, 1)
+    )

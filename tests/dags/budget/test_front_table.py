@@ -1,0 +1,114 @@
+"""A front that was measured on a sequence is what a budget buys from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+from typer.testing import CliRunner
+
+from posegaussian.dags.budget import choice
+from posegaussian.dags.budget.amount import Amount
+from posegaussian.dags.budget.bought import bought
+from posegaussian.dags.budget.front_table import front_points
+from posegaussian.dags.budget.probe import Probe
+from posegaussian.dags.cli.app import app
+from posegaussian.dags.config.settings import load_configuration
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.session.session import Session
+from posegaussian.dags.tradeoff.tradeoff import write_parquet
+from posegaussian.storage.model.errors import ConfigError
+from tests.support.pipeline import NAME, Pipeline
+
+
+def row(size: str, weights: str, steps: str, seconds: float, psnr: float, front: bool) -> dict[str, Any]:
+    knobs = {"frames.size": size, "network.weights": weights, "refinement.steps": steps}
+    return {
+        **knobs,
+        "depth s/frame": 0.1,
+        "total s/frame": seconds,
+        "psnr box dB": psnr,
+        "ssim box": 0.9,
+        "front": front,
+    }
+
+
+@pytest.fixture
+def table(tmp_path: Path) -> Path:
+    """Three settings, dearest first, and one that another beats."""
+    rows = [
+        row("full", "auto", "50", 9.0, 29.5, True),
+        row("full", "none", "20", 4.0, 27.25, True),
+        row("24", "none", "0", 1.0, 22.0, True),
+        row("24", "auto", "0", 5.0, 21.0, False),
+    ]
+    write_parquet(tmp_path / "tradeoff.parquet", rows, {"sequence": "walk"})
+    return tmp_path / "tradeoff.parquet"
+
+
+def session_of(pipeline: Pipeline, *more: str) -> Session:
+    settings = ["run.scheduler=serial", "run.report=off", "views.held_out=[mid00]", *more]
+    return Session(load_configuration(None, settings, folder=pipeline.root), str(pipeline.root), Console(quiet=True))
+
+
+def test_points_are_the_front_as_settings_cheapest_first(table: Path) -> None:
+    points = front_points(table)
+    assert [p.settings for p in points] == [
+        {"frames.size": 24, "network.weights": "none", "refinement.steps": 0},
+        {"frames.size": None, "network.weights": "none", "refinement.steps": 20},
+        {"frames.size": None, "network.weights": "auto", "refinement.steps": 50},
+    ]
+    assert [p.against for p in points] == [-7.5, -2.25, 0.0]
+    assert "27.25 dB there of held-out cameras of walk" in points[1].worth
+    assert "refinement.steps 20" in points[1].told
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [
+        (2, ("frames.size=24", "network.weights=none")),
+        (6, ("frames.size=null", "network.weights=none")),
+        (20, ("frames.size=null", "network.weights=auto")),
+    ],
+)
+def test_a_budget_buys_from_the_front_and_what_the_user_set_stays(
+    finished: Pipeline, table: Path, monkeypatch: pytest.MonkeyPatch, seconds: float, words: tuple[str, ...]
+) -> None:
+    session, took = session_of(finished, "refinement.steps=7"), iter((1.0, 4.0, 9.0))
+    frames = len(finished.context().source_frames)
+    monkeypatch.setattr(Probe, "rates", lambda probe, values: {})
+    monkeypatch.setattr(choice, "seconds", lambda *_: next(took) * frames)
+    settled = bought(session, [NAME], (), f"{seconds}s/frame", Selection(), table)
+    assert settled.words == words
+    assert settled.choice is not None
+    assert "of held-out cameras of walk" in settled.choice.sentences()[0]
+    load_configuration(None, list(settled.words))  # words of `--set`
+
+
+def test_what_is_no_front_is_refused_in_a_sentence(
+    finished: Pipeline, table: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(ConfigError, match=r"a tradeoff\.parquet is expected"):
+        front_points(tmp_path / "none.parquet")
+    (tmp_path / "text.parquet").write_text("no table")
+    with pytest.raises(ConfigError, match=r"a tradeoff\.parquet is expected"):
+        front_points(tmp_path / "text.parquet")
+    write_parquet(tmp_path / "other.parquet", [{"a": 1}], {"sequence": "walk"})
+    with pytest.raises(ConfigError, match="its columns are a"):
+        front_points(tmp_path / "other.parquet")
+    with pytest.raises(ConfigError, match="a front is for an amount of time"):
+        bought(session_of(finished), [NAME], (), "preview", Selection(), table)
+    found = CliRunner().invoke(app, ["run", "--archive", str(finished.root), "--front", str(table)])
+    assert isinstance(found.exception, ConfigError)
+    assert "is for --budget" in str(found.exception)
+
+
+def test_nothing_that_fits_names_what_the_cheapest_takes(
+    finished: Pipeline, table: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Probe, "rates", lambda probe, values: {})
+    monkeypatch.setattr(choice, "seconds", lambda *_: 1e3)
+    with pytest.raises(ConfigError, match=r"the cheapest settings already take line 1 of the front .*22\.00 dB there"):
+        choice.choose(session_of(finished), [NAME], (), Amount(1.0, True), Selection(), front_points(table))
