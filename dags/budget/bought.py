@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
 from posegaussian.dags.budget.amount import Amount
@@ -56,5 +57,5 @@ def bought(
         values = choice.chosen.values
         session.say(choice.sentences())
     words = tuple(f"{knob}={'null' if value is None else value}" for knob, value in values.items())
-    session.say([f"these settings: {' '.join(f'--set {w}' for w in words) or 'the ones that are set'}"])
+    session.say([f"these settings: {' '.join(f'--set {quote(w)}' for w in words) or 'the ones that are set'}"])
     return Bought(words, choice)

@@ -7,9 +7,12 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from pydantic import ValidationError
+
 from posegaussian.dags.budget.amount import Amount
 from posegaussian.dags.budget.points import POINTS, Point, preset
 from posegaussian.dags.budget.probe import Probe, with_values
+from posegaussian.dags.config.faults import dotted, faults_of
 from posegaussian.dags.config.settings import Configuration
 from posegaussian.dags.humanize.text import number, seconds_text
 from posegaussian.dags.planning.context import Context, make_context
@@ -41,8 +44,9 @@ class Expected:
 
     def told(self, frames: int) -> str:
         """`preview (half size, ...): 12.0 s, 0.40 s a frame, -5.2 dB against the default on simulated people`."""
-        p = self.point
-        return f"{p.name} ({p.told}): {seconds_text(self.seconds)}, {self.seconds / frames:.2g} s a frame, {p.worth}"
+        p, kept = self.point, sorted(self.point.knobs - self.values.keys())
+        worth = p.worth if not kept else f"worth what it is with your own {', '.join(kept)}"
+        return f"{p.name} ({p.told}): {seconds_text(self.seconds)}, {self.seconds / frames:.2g} s a frame, {worth}"
 
 
 @dataclass(frozen=True)
@@ -94,12 +98,19 @@ def choose(
     contexts = _contexts(session, names, paths)
     frames = sum(c.grid.frames for c in contexts)
     probe = Probe(max(contexts, key=_work), session.configuration.default.run.threads)
+    settings = list(distinct(contexts, given(session.configuration), points))
+    for point, values in settings:
+        _check(point, values, probe.context)
     fitting: list[Expected] = []
     better = None
     session.say([f"measuring what settings take on a few frames of {probe.context.sequence.name}, cheapest first"])
     try:
-        for point, values in distinct(contexts, given(session.configuration), points):
-            expected = Expected(point, values, seconds(contexts, values, probe.rates(values), selection))
+        for point, values in settings:
+            try:
+                expected = Expected(point, values, seconds(contexts, values, probe.rates(values), selection))
+            except ConfigError as e:
+                session.say([f"{point.name} is left out: {e}"])
+                continue
             session.hint([expected.told(frames)])
             if expected.seconds > amount.over(frames) - (0 if amount.a_frame else time.monotonic() - begun):
                 better = expected
@@ -107,6 +118,8 @@ def choose(
             fitting.append(expected)
     finally:
         probe.clean()
+    if not fitting and better is None:
+        raise ConfigError(f"--budget {amount}: none of the settings can be run on this capture, see above")
     if not fitting:
         assert better is not None
         raise ConfigError(
@@ -114,6 +127,15 @@ def choose(
             f" {better.seconds / frames:.2g}s/frame, fewer frames by frames.range, or fewer views by views.sources"
         )
     return Choice(fitting[-1], fitting[-2] if len(fitting) > 1 else None, better, amount, frames)
+
+
+def _check(point: Point, values: Mapping[str, Any], context: Context) -> None:
+    """Raise ConfigError for settings that there are none of, as a table of another version may have."""
+    try:
+        with_values(context.settings, values)
+    except ValidationError as e:
+        faults = faults_of(e, context.settings.model_dump(), lambda at: "unknown key")
+        raise ConfigError(f"{point.name}: " + "; ".join(f"{dotted(at)}: {what}" for at, what in faults)) from e
 
 
 def distinct(

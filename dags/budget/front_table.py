@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 from posegaussian.dags.budget.points import Point
@@ -26,15 +27,19 @@ def front_points(file: Path) -> tuple[Point, ...]:
     first = next((i for i, name in enumerate(names) if name.endswith(SECONDS)), 0)
     if sequence is None or not first or not {f"total{SECONDS}", QUALITY, "front"} <= {*names}:
         raise ConfigError(f"{wanted}; its columns are {', '.join(names)}")
-    rows = sorted((r for r in table.to_pylist() if r["front"]), key=lambda r: float(r[f"total{SECONDS}"]))
-    best = rows[-1][QUALITY]
+    knobs = [name for name in names[:first] if not name.startswith("metrics.")]  # these change no picture
+    lines = [(i, r) for i, r in enumerate(table.to_pylist(), 1) if r["front"] and math.isfinite(r[QUALITY])]
+    if not lines:
+        raise ConfigError(f"{wanted}; no line of it is on the front")
+    lines.sort(key=lambda line: float(line[1][f"total{SECONDS}"]))
+    best = lines[-1][1][QUALITY]
     return tuple(
         Point(
-            f"line {i} of the front",
-            ", ".join(f"{knob} {row[knob]}" for knob in names[:first]),
+            f"line {i} of {file.name}",
+            ", ".join(f"{knob} {row[knob]}" for knob in knobs),
             row[QUALITY] - best,
-            {knob: None if row[knob] == "full" else parse_value(row[knob]) for knob in names[:first]},
-            measured=f"{row[QUALITY]:.2f} dB there of held-out cameras of {sequence.decode()}",
+            {knob: None if row[knob] == "full" else parse_value(str(row[knob])) for knob in knobs},
+            measured=f"{row[QUALITY]:.2f} dB on held-out cameras of {sequence.decode()}",
         )
-        for i, row in enumerate(rows, 1)
+        for i, row in lines
     )

@@ -26,6 +26,11 @@ class Point:
     """What was measured of it where that was on a sequence of the user's."""
 
     @property
+    def knobs(self) -> frozenset[str]:
+        """The stage.key that it sets."""
+        return frozenset(self.values(1))
+
+    @property
     def worth(self) -> str:
         """Its quality, in words."""
         return self.measured or f"{self.against:+.1f} dB against the default on simulated people"

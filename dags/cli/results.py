@@ -230,9 +230,14 @@ def tradeoff(
         made, better = run_search(session, sequence, knob or [], levels or [], runs or 60, repeats or 1, output)
     else:
         made = run_tradeoff(session, sequence, knob or [], levels or [], repeats or 3, output)
-    file = table_file(made[0].context.sequence.name, output)
-    further = [word for w in better for word in ("--set", w)] or ["--budget", "3s/frame", "--front", str(file)]
-    say([next_command("run", *session.options, *further)])
+    name = made[0].context.sequence.name
+    further = [word for w in better for word in ("--set", w)]
+    further = further or ["--budget", "3s/frame", "--front", str(table_file(name, output))]
+    # what was tried at other values is not what the run is to have
+    tried = tuple(f"{knob}=" for knob in made[0].values)
+    pairs = zip(session.options[::2], session.options[1::2], strict=True)
+    options = [word for pair in pairs if not pair[1].startswith(tried) for word in pair]
+    say([next_command("run", "--sequence", name, *options, *further)])
 
 
 def effects(

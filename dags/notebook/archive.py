@@ -21,6 +21,7 @@ from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.tasks import PRODUCERS
+from posegaussian.dags.runtime.ordering import lacks_description
 from posegaussian.dags.session.session import Session
 from posegaussian.storage.archive.store import SequenceGroup
 from posegaussian.storage.model.cameras import Rig
@@ -243,7 +244,7 @@ class OpenSequence:
             UserError: with a sentence for every task that failed, when all others are done.
         """
         plan = self.plan(only, start, force, paths)
-        if plan.all_fresh:
+        if plan.all_fresh and not lacks_description(plan):
             return
         outcome = self.session.run([plan], plan.selection)
         if outcome.ended.interrupted:

@@ -106,32 +106,45 @@ def needed_arrays(plan: Plan) -> Iterator[tuple[ArraySpec, dict[str, int], str]]
     for stage in STAGES:
         if stage.name in plan.unneeded or stage.name in context.waits:
             continue
-        states = [v.state for v in plan.verdicts.values() if v.task.stage == stage.name]
-        runs = plan.selection.allows(stage.name) and any(s is not State.FRESH for s in states)
+        verdicts = [v for v in plan.verdicts.values() if v.task.stage == stage.name]
+        fresh = [v.task.partition for v in verdicts if v.state is State.FRESH]
+        runs = plan.selection.allows(stage.name) and len(fresh) < len(verdicts)
+        end = max((context.grid.bounds(p).stop for p in fresh if p is not None), default=0)
         for spec in stage.writes_for(context.facts):
             if isinstance(spec, ArraySpec):
                 for path in context.paths if "path" in stage.over else [None]:
                     shape, name = context.shape(path), path or ""
-                    if runs or (State.FRESH in states and context.sequence.lacks_frames(spec, shape, name)):
+                    if runs:
                         yield spec, shape, name
+                    elif end and context.sequence.lacks_frames(spec, cut := {**shape, "frame": end}, name):
+                        yield spec, cut, name
 
 
 def prepare(plan: Plan) -> None:
     """Make, grow or replace the arrays of every stage that has something to do, and write the cameras beside the
-    pictures."""
+    pictures, but not those of pictures that may not be made for these settings."""
     sequence = plan.context.sequence
     for spec, shape, path in needed_arrays(plan):
         sequence.ensure_array(spec, shape, path)
-    sequence.put_rig("frames", plan.context.rig)
+    if _as_set(plan, "frames"):
+        sequence.put_rig("frames", plan.context.rig)
     for name, values in _beside(plan.context).items():
-        sequence.put(name, *values)
+        if _as_set(plan, name.partition("/")[0]):
+            sequence.put(name, *values)
 
 
-def lacks_cameras(plan: Plan) -> bool:
-    """Whether cameras or times that `prepare` writes beside the pictures are not there: `verify --repair` takes
-    damaged ones away."""
+def _as_set(plan: Plan, stage: str) -> bool:
+    """Whether what the stage made is, or will be, of these settings."""
+    own = [v.state for v in plan.verdicts.values() if v.task.stage == stage]
+    return plan.selection.allows(stage) or all(state is State.FRESH for state in own)
+
+
+def lacks_description(plan: Plan) -> bool:
+    """Whether `prepare` has something to do for a sequence of which all is fresh: cameras or times beside the pictures
+    are not there, which `verify --repair` takes away where they are damaged, or arrays are shorter than they were."""
     names = ("frames/intrinsics", "frames/world_to_camera", "frames/size", *_beside(plan.context))
-    return not all(plan.context.sequence.place(f"{name}/zarr.json").is_file() for name in names)
+    there = all(plan.context.sequence.place(f"{name}/zarr.json").is_file() for name in names)
+    return not there or next(needed_arrays(plan), None) is not None
 
 
 def _beside(context: Context) -> dict[str, tuple[np.ndarray, tuple[str, ...], str, str]]:

@@ -211,8 +211,14 @@ class Run:
 
     def _waits_for_more(self, plan: Plan, task: Task) -> bool:
         """Whether what was just decided leaves something open that was not before, such as whether anybody reads what
-        the task makes once a stage that was named is off; the task then waits for what settles that."""
-        more = {d for d in deciding(plan.context, task.stage) if d in self.order and d not in self.ended}
+        the task makes once a stage that was named is off; the task then waits for what settles that, and is settled
+        itself where that cannot run."""
+        before = [d for d in deciding(plan.context, task.stage) if d in self.order]
+        more = {d for d in before if d not in self.ended}
+        lost = next((d for d in before if self.ended.get(d) in ("failed", "blocked", "left_out")), None)
+        if not more and lost is not None:
+            self._block(task, lost)
+            return True
         self.waiting[task] |= more
         for d in more:
             self.dependents[d].append(task)

@@ -34,7 +34,7 @@ from posegaussian.dags.runtime.events import Listener, RunEnded, SequenceRefused
 from posegaussian.dags.runtime.eviction import Keeper
 from posegaussian.dags.runtime.failures import Kind, failures_table
 from posegaussian.dags.runtime.in_flight import Backend, Rules
-from posegaussian.dags.runtime.ordering import lacks_cameras
+from posegaussian.dags.runtime.ordering import lacks_description
 from posegaussian.dags.runtime.scheduler import Run
 from posegaussian.dags.runtime.signals import STATUS, interruptible
 from posegaussian.dags.runtime.work_order import RunTerms
@@ -300,7 +300,7 @@ class Session:
             self.say([f"{p.context.sequence.name}: {note}" for note in p.notes], "yellow")
         if all(p.all_fresh for p in plans):
             for p in plans:
-                if lacks_cameras(p):
+                if lacks_description(p):
                     entering.make_arrays(p, self._rules(p.context.sequence.name).terms)
             self.say([f"{p.context.sequence.name}: all fresh, nothing to do" for p in plans])
             keeper = Keeper(plans)

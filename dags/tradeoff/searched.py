@@ -7,6 +7,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
 from posegaussian.dags.budget.probe import FRAMES, middle
@@ -222,4 +223,4 @@ def against_own(levels: Sequence[Level], own: Level | None) -> tuple[str, tuple[
     more, less = best.quality[MEASURE] - good, own.total - best.total
     told = f"has {more:.2f} dB more and takes no longer" if more > 0 else f"is as good and takes {less:.2f} s less"
     words = tuple(f"{k}={'null' if v is None else v}" for k, v in best.values.items() if v != own.values[k])
-    return f"{line}; line {list(levels).index(best) + 1} {told}: {' '.join(f'--set {w}' for w in words)}", words
+    return f"{line}; line {list(levels).index(best) + 1} {told}: {' '.join(f'--set {quote(w)}' for w in words)}", words

@@ -420,8 +420,11 @@ class SequenceGroup:
         return self._change(spec, shape, path) in ("shrink", "replace")
 
     def lacks_frames(self, spec: ArraySpec, shape: Shape, path: str = "") -> bool:
-        """Whether the array is there and has fewer frames than the shape; all else is alike."""
-        return self._change(spec, shape, path) == "grow"
+        """Whether the array is there, can be read, and has fewer frames than the shape; all else is alike."""
+        try:
+            return self._change(spec, shape, path) == "grow"
+        except ForeignArray:  # who reads it says so
+            return False
 
     def put_cameras(self) -> None:
         """Write the calibrated cameras of the record as `source/*`."""

@@ -122,9 +122,16 @@ def test_a_run_of_fewer_frames_that_made_nothing_leaves_what_is_fresh_usable(
     shorter, alone = pipeline.with_settings(f"frames.range=0:{frames}"), frozenset({"metrics"})
     if stopped:
         prepare(shorter.plan())
+        plan = pipeline.plan()
+        assert plan.all_fresh == (frames == 5), "of the partition that was cut whole nothing is left"
+        if plan.all_fresh:
+            assert pipeline.session.run_and_report([plan], Selection()) == 0
+            assert_same_content(content(pipeline), content(finished))
+            prepare(shorter.plan())
     else:  # what it reads is stale for so few frames and may not be made, so nothing is
         shorter.run(selection=Selection(only=alone), expect_failure=True)
-        assert not pipeline.ran(), "arrays of stages that may not run were cut"
+        assert_same_content(content(pipeline), content(finished))
+        assert not pipeline.ran()
     pipeline.run(selection=Selection(force=frozenset({"frames", "depth"})))
     assert_same_content(content(pipeline), content(finished))
     assert receipts(pipeline) == receipts(finished)
@@ -145,6 +152,15 @@ def test_a_run_of_named_stages_decides_as_one_of_all_does(finished: Pipeline, tm
     whole, named = found
     assert whole.keys() <= named.keys()
     assert_same_content(whole, {name: named[name] for name in whole})
+
+
+def test_what_waits_for_a_stage_that_may_not_run_is_not_run(finished: Pipeline, tmp_path: Path) -> None:
+    """Not even where it began to wait when that stage had been left out already."""
+    auto = ["effects.temporal_smoothing=auto", "network.weights=auto", "views.trust=auto", "keep={}"]
+    pipeline = Pipeline(tmp_path / "archive", finished.folder, [*auto, "frames.range=0:2"], held_out="[]")
+    pipeline.register()
+    pipeline.run(selection=Selection(only=frozenset({"survey", "pose", "smoothing"})), expect_failure=True)
+    assert {stage for stage, *_ in receipts(pipeline)} == {"survey"}
 
 
 @pytest.mark.parametrize("settings", [[], ["frames.matte=person"]], ids=["given", "person"])

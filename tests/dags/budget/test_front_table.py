@@ -61,7 +61,7 @@ def test_points_are_the_front_as_settings_cheapest_first(table: Path) -> None:
         {"frames.size": None, "network.weights": "auto", "refinement.steps": 50},
     ]
     assert [p.against for p in points] == [-7.5, -2.25, 0.0]
-    assert "27.25 dB there of held-out cameras of walk" in points[1].worth
+    assert "27.25 dB on held-out cameras of walk" in points[1].worth
     assert "refinement.steps 20" in points[1].told
 
 
@@ -83,7 +83,7 @@ def test_a_budget_buys_from_the_front_and_what_the_user_set_stays(
     settled = bought(session, [NAME], (), f"{seconds}s/frame", Selection(), table)
     assert settled.words == words
     assert settled.choice is not None
-    assert "of held-out cameras of walk" in settled.choice.sentences()[0]
+    assert "worth what it is with your own refinement.steps" in settled.choice.sentences()[0]
     load_configuration(None, list(settled.words))  # words of `--set`
 
 
@@ -98,6 +98,12 @@ def test_what_is_no_front_is_refused_in_a_sentence(
     write_parquet(tmp_path / "other.parquet", [{"a": 1}], {"sequence": "walk"})
     with pytest.raises(ConfigError, match="its columns are a"):
         front_points(tmp_path / "other.parquet")
+    write_parquet(tmp_path / "beaten.parquet", [row("24", "none", "0", 1.0, 22.0, False)], {"sequence": "walk"})
+    with pytest.raises(ConfigError, match="no line of it is on the front"):
+        front_points(tmp_path / "beaten.parquet")
+    write_parquet(tmp_path / "older.parquet", [row("24", "none", "many", 1.0, 22.0, True)], {"sequence": "walk"})
+    with pytest.raises(ConfigError, match=r"line 1 of older\.parquet: refinement\.steps"):
+        bought(session_of(finished), [NAME], (), "9s/frame", Selection(), tmp_path / "older.parquet")
     with pytest.raises(ConfigError, match="a front is for an amount of time"):
         bought(session_of(finished), [NAME], (), "preview", Selection(), table)
     found = CliRunner().invoke(app, ["run", "--archive", str(finished.root), "--front", str(table)])
@@ -110,5 +116,5 @@ def test_nothing_that_fits_names_what_the_cheapest_takes(
 ) -> None:
     monkeypatch.setattr(Probe, "rates", lambda probe, values: {})
     monkeypatch.setattr(choice, "seconds", lambda *_: 1e3)
-    with pytest.raises(ConfigError, match=r"the cheapest settings already take line 1 of the front .*22\.00 dB there"):
+    with pytest.raises(ConfigError, match=r"the cheapest settings already take line 3 of tradeoff.* 22\.00 dB on held"):
         choice.choose(session_of(finished), [NAME], (), Amount(1.0, True), Selection(), front_points(table))
