@@ -122,9 +122,10 @@ def choose(
         raise ConfigError(f"--budget {amount}: none of the settings can be run on this capture, see above")
     if not fitting:
         assert better is not None
+        enough = 1.05 * better.seconds / frames  # two digits of it are no less than what it takes
         raise ConfigError(
             f"--budget {amount}: the cheapest settings already take {better.told(frames)}; give at least"
-            f" {better.seconds / frames:.2g}s/frame, fewer frames by frames.range, or fewer views by views.sources"
+            f" {enough:.2g}s/frame, fewer frames by frames.range, or fewer views by views.sources"
         )
     return Choice(fitting[-1], fitting[-2] if len(fitting) > 1 else None, better, amount, frames)
 
