@@ -45,7 +45,7 @@ class Expected:
     def told(self, frames: int) -> str:
         """`preview (half size, ...): 12.0 s, 0.40 s a frame, -5.2 dB against the default on simulated people`."""
         p, kept = self.point, sorted(self.point.knobs - self.values.keys())
-        worth = p.worth if not kept else f"worth what it is with your own {', '.join(kept)}"
+        worth = p.worth if not kept else f"its quality with your own {', '.join(kept)} was not measured"
         return f"{p.name} ({p.told}): {seconds_text(self.seconds)}, {self.seconds / frames:.2g} s a frame, {worth}"
 
 

@@ -83,7 +83,7 @@ def test_a_budget_buys_from_the_front_and_what_the_user_set_stays(
     settled = bought(session, [NAME], (), f"{seconds}s/frame", Selection(), table)
     assert settled.words == words
     assert settled.choice is not None
-    assert "worth what it is with your own refinement.steps" in settled.choice.sentences()[0]
+    assert "its quality with your own refinement.steps was not measured" in settled.choice.sentences()[0]
     load_configuration(None, list(settled.words))  # words of `--set`
 
 
