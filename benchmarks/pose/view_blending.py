@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.quality.cells import UNREFINED
+from posegaussian.dags.diagnostics.held_out_quality import held_out_path
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.simulation.simulated_run import film_capture, held_out_setting, run_capture
-from posegaussian.dags.tradeoff.quality import held_out_path
 from posegaussian.stages.rendering.facts import POSE_BLENDING
 from posegaussian.stages.simulator.quality_scenes import ablation_scene
 from posegaussian.stages.simulator.subjects.splits import FIRST_VALIDATION_SEED

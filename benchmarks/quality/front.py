@@ -24,11 +24,11 @@ from benchmarks.quality.cells import Cell, film_cell
 from benchmarks.quality.views import seeds
 from benchmarks.report import publish
 from posegaussian.dags.charts.style import FAINT, GREY, INK, RED, chart, heading, name_points, seconds_axis
+from posegaussian.dags.diagnostics.held_out_quality import quality
 from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.receipt_index import Book
 from posegaussian.dags.simulation.simulated_run import run_capture
 from posegaussian.dags.tradeoff.pareto import pareto
-from posegaussian.dags.tradeoff.quality import quality
 
 NONE, HULL, SWEEP = "network.weights=none", "depth.method=hull", "depth.method=sweep"
 HALF, SMALLER = "frames.size=256", "frames.size=384"

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from posegaussian.dags.diagnostics.held_out_quality import held_out_path
 from posegaussian.dags.evaluation.measured import DEVIATION, MEAN
 from posegaussian.dags.evaluation.measured import pictures as of_rows
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.simulation.simulated_run import depths
-from posegaussian.dags.tradeoff.quality import held_out_path
 from posegaussian.stages.smoothing.facts import TEMPORAL_SMOOTHING
 
 Measured = dict[str, float | None]

@@ -1,4 +1,4 @@
-"""What `run --budget` asks for, as settings."""
+"""What `run --budget` and `run --quality` ask for, as settings."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from shlex import quote
 from typing import Any
 
 from posegaussian.dags.budget.amount import Amount
-from posegaussian.dags.budget.choice import Choice, choose, preset_values
+from posegaussian.dags.budget.choice import Choice, affordable, good_enough, preset_values
+from posegaussian.dags.budget.decibels import Decibels
 from posegaussian.dags.budget.front_table import front_points
-from posegaussian.dags.budget.points import POINTS, PRESETS, preset
+from posegaussian.dags.budget.points import POINTS, PRESETS, Point, preset
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.session.session import Session
 from posegaussian.storage.model.errors import ConfigError
@@ -35,27 +36,48 @@ def bought(
     session: Session,
     names: Sequence[str],
     paths: tuple[str, ...],
-    text: str,
     selection: Selection,
+    budget: str | None = None,
+    quality: str | None = None,
     front: Path | None = None,
 ) -> Bought:
-    """The settings for `--budget TEXT`, a preset's name or an amount of time, of which `front` may say the settings
-    there are; says what they are and what others would give.
+    """The settings for `--budget`, a preset's name or an amount of time, or for `--quality`, decibels; `front` may say
+    which settings there are. Says what they are and what others would give.
 
-    Raises ConfigError for any other text, for a file that is no front, and where no settings are as cheap; RunFailed
-    where measuring fails.
+    Raises ConfigError where not one of the two is given, for a text that is none of these, for a file that is no front,
+    where no settings are as cheap or as good, and where nothing can be measured; RunFailed where measuring fails.
     """
-    if text in PRESETS and front is not None:
-        raise ConfigError(f"--budget {text} --front {front}: a front is for an amount of time, such as 3s/frame")
-    if text in PRESETS:
-        values: Mapping[str, Any] = preset_values(session, names, text)
-        choice = None
-        session.say([f"budget {text}: {preset(text).told}"])
+    if budget is not None and quality is not None:
+        raise ConfigError(f"run: --budget {budget} and --quality {quality}: either chooses the settings; drop one")
+    if budget in PRESETS:
+        return _preset(session, names, str(budget), front)
+    if budget is not None:
+        choice = affordable(session, names, paths, Amount.of(budget), selection, _points(front))
+    elif quality is not None:
+        choice = good_enough(session, names, paths, Decibels.of(quality), selection, _points(front))
     else:
-        points = POINTS if front is None else front_points(front)
-        choice = choose(session, names, paths, Amount.of(text), selection, points)
-        values = choice.chosen.values
-        session.say(choice.sentences())
+        raise ConfigError(
+            f"run: --front {front} is for --budget or --quality; say how many seconds there are, as --budget 3s/frame,"
+            " or how good pictures must be, as --quality 28dB"
+        )
+    session.say(choice.sentences())
+    return _told(session, choice.chosen.values, choice)
+
+
+def _preset(session: Session, names: Sequence[str], name: str, front: Path | None) -> Bought:
+    """Settings by name."""
+    if front is not None:
+        raise ConfigError(f"--budget {name} --front {front}: a front is for an amount of time, such as 3s/frame")
+    session.say([f"budget {name}: {preset(name).told}"])
+    return _told(session, preset_values(session, names, name), None)
+
+
+def _points(front: Path | None) -> Sequence[Point]:
+    return POINTS if front is None else front_points(front)
+
+
+def _told(session: Session, values: Mapping[str, Any], choice: Choice | None) -> Bought:
+    """Settings as words, which are said."""
     words = tuple(f"{knob}={'null' if value is None else value}" for knob, value in values.items())
     session.say([f"these settings: {' '.join(f'--set {quote(w)}' for w in words) or 'the ones that are set'}"])
     return Bought(words, choice)

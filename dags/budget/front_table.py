@@ -40,6 +40,7 @@ def front_points(file: Path) -> tuple[Point, ...]:
             row[QUALITY] - best,
             {knob: None if row[knob] == "full" else parse_value(str(row[knob])) for knob in knobs},
             measured=f"{row[QUALITY]:.2f} dB on held-out cameras of {sequence.decode()}",
+            reached=row[QUALITY],
         )
         for i, row in lines
     )

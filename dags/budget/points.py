@@ -24,6 +24,8 @@ class Point:
     """Share of the pictures' longest side that is kept."""
     measured: str | None = None
     """What was measured of it where that was on a sequence of the user's."""
+    reached: float | None = None
+    """Box PSNR of held-out cameras there, dB."""
 
     @property
     def knobs(self) -> frozenset[str]:

@@ -17,8 +17,12 @@ from posegaussian.dags.planning.plan import Plan, make_plan
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.task_cost import load
 from posegaussian.dags.planning.variants import settled_variant
+from posegaussian.stages.registry import STAGES
 from posegaussian.storage.archive.deletion import delete_folder
+from posegaussian.storage.model.errors import ConfigError
 
+HELD_OUT = ("held_out",)
+"""The path of held-out cameras."""
 FRAMES = 4
 """Frames that are run: as many as refinement rehearses for together."""
 
@@ -50,6 +54,8 @@ class Probe:
     """The sequence, as it is set."""
     threads: int
     """Of a task."""
+    compared: bool = False
+    """Whether pictures are drawn of the cameras that are held out, whichever others are asked for."""
     _warm: set[str] = field(default_factory=set)
     """Stages that ran: a first task of a stage imports libraries and loads kernels, which no later one does."""
     _folders: set[Path] = field(default_factory=set)
@@ -57,21 +63,39 @@ class Probe:
     def rates(self, values: Mapping[str, Any]) -> dict[str, float]:
         """{stage: seconds of its tasks per unit of work} under these {stage.key: value}. What an earlier probe made
         and would come out equal is not made again. Raises RunFailed."""
-        different = {**values, "frames.range": middle(self.context)}
-        settings = with_values(self.context.settings, {**different, "run.keep": "everything"})
-        paths = self.context.path_texts if self.context.asked_for else ()
-        own = settled_variant(self.context.sequence, settings, {"probe": different}, paths)
-        self._folders.add(own.sequence.root.parent)
-        plan = self._run(own, Selection())
+        plan = self._run(self._variant(values), Selection())
         fresh = frozenset({t.stage for t in plan.verdicts} - self._warm - plan.unneeded.keys())
         if fresh:
             self._warm |= fresh
-            plan = self._run(own, Selection(force=fresh))
+            plan = self._run(plan.context, Selection(force=fresh))
         seconds, work = Counter[str](), Counter[str]()
         for task, receipt in plan.book.receipts.items():
             seconds[task.stage] += receipt.facts["seconds"]
             work[task.stage] += load(plan.context, task).work
         return {s: seconds[s] / work[s] for s in seconds if work[s] and s not in plan.unneeded}
+
+    def reached(self, values: Mapping[str, Any]) -> float:
+        """Mean box PSNR, dB, at the captured size, of the frames' held-out cameras as drawn under these {stage.key:
+        value}, whose `rates` were taken. Raises ConfigError where none of them has a picture of the subject."""
+        from posegaussian.dags.diagnostics.held_out_quality import box_psnr
+
+        drawn, filmed = self._variant(values), self._variant({k: v for k, v in values.items() if k != "frames.size"})
+        names = [s.name for s in STAGES]
+        self._run(filmed, Selection(only=frozenset(names[: names.index("frames") + 1])))
+        if (psnr := box_psnr(drawn, filmed)) is None:
+            raise ConfigError(
+                f"no held-out camera has a picture of the subject in frames {middle(self.context)} of"
+                f" {self.context.sequence.name}; hold out other cameras by views.held_out"
+            )
+        return psnr
+
+    def _variant(self, values: Mapping[str, Any]) -> Context:
+        different = {**values, "frames.range": middle(self.context)}
+        settings = with_values(self.context.settings, {**different, "run.keep": "everything"})
+        paths = HELD_OUT if self.compared else self.context.path_texts if self.context.asked_for else ()
+        found = settled_variant(self.context.sequence, settings, {"probe": different}, paths)
+        self._folders.add(found.sequence.root.parent)
+        return found
 
     def _run(self, context: Context, selection: Selection) -> Plan:
         from posegaussian.dags.runtime.executors.inline_run import run_here

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from posegaussian.dags.diagnostics.held_out_quality import held_out_path
 from posegaussian.dags.evaluation.measured import pictures
 from posegaussian.dags.evaluation.methods import OURS, Method
 from posegaussian.dags.evaluation.results import Result, data_set, with_means
@@ -23,7 +24,6 @@ from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.variants import settled_variant
 from posegaussian.dags.runtime.signals import STATUS as INTERRUPTED
 from posegaussian.dags.session.session import Session
-from posegaussian.dags.tradeoff.quality import held_out_path
 from posegaussian.dags.tradeoff.tradeoff import write_parquet
 from posegaussian.storage.files.write import write_atomically
 from posegaussian.storage.model.errors import ConfigError, UserError

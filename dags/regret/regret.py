@@ -81,9 +81,9 @@ class Regret:
 
 
 def box_psnr(context: Context, reference: Context) -> float:
-    """Mean over the held-out pictures, dB; contexts as of `posegaussian.dags.tradeoff.quality.quality`. NaN where the
-    mask of none of them holds anybody."""
-    from posegaussian.dags.tradeoff.quality import compared
+    """Mean over the held-out pictures, dB; contexts as of `quality`
+    (`posegaussian/dags/diagnostics/held_out_quality.py`). NaN where the mask of none of them holds anybody."""
+    from posegaussian.dags.diagnostics.held_out_quality import compared
     from posegaussian.stages.judge.drawing import score
     from posegaussian.storage.model.masks import foreground
 

@@ -113,9 +113,10 @@ class Session:
 
     def context(self, name: str, paths: tuple[str, ...] = ()) -> Context:
         """One sequence under its settings, with what the survey decided of it where that is known."""
-        return decided(Book.open(self._undecided(name, paths)))
+        return decided(Book.open(self.undecided(name, paths)))
 
-    def _undecided(self, name: str, paths: tuple[str, ...]) -> Context:
+    def undecided(self, name: str, paths: tuple[str, ...]) -> Context:
+        """One sequence under its settings alone."""
         return make_context(self.archive.sequence(name), self.configuration.for_sequence(name), paths)
 
     def plan(
@@ -126,7 +127,7 @@ class Session:
         held: Callable[[Context], frozenset[Product]] | None = None,
     ) -> Plan:
         """The plan of one sequence; `held` says what must be there afterwards, whatever `keep` says."""
-        return make_plan(self._undecided(name, paths), selection, held)
+        return make_plan(self.undecided(name, paths), selection, held)
 
     def backend(self) -> Backend:
         """Where tasks run, from `run.scheduler`."""

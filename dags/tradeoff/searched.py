@@ -127,7 +127,7 @@ class Trials:
 
     def __call__(self, setting: Setting, rung: int) -> Tried | None:
         """What came of a setting; None, and a sentence, where it cannot be."""
-        from posegaussian.dags.tradeoff.quality import quality
+        from posegaussian.dags.diagnostics.held_out_quality import quality
 
         reference = self.reference(rung)
         self.asked[rung] += 1

@@ -217,7 +217,7 @@ def measured(
 
     Raises UserError without held-out cameras, ConfigError for knobs, levels and settings that cannot be.
     """
-    from posegaussian.dags.tradeoff.quality import quality
+    from posegaussian.dags.diagnostics.held_out_quality import quality
 
     origin = with_truth(session, name)
     chosen = chosen_levels(origin, knobs, texts)

@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 from rich.console import Console
 from typer.testing import CliRunner
 
-from posegaussian.dags.budget import choice
+from posegaussian.dags.budget import expected
 from posegaussian.dags.budget.amount import UNITS, Amount
-from posegaussian.dags.budget.choice import distinct, given, preset_values
+from posegaussian.dags.budget.choice import affordable, preset_values
+from posegaussian.dags.budget.expected import START, distinct, given
 from posegaussian.dags.budget.points import POINTS, PRESETS, preset
 from posegaussian.dags.budget.probe import Probe
 from posegaussian.dags.cli.app import app
@@ -104,12 +105,12 @@ def test_more_time_never_buys_less(filmed: Pipeline, took: list[float], budgets:
         costs = iter(took)
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(Probe, "rates", lambda probe, values: {})
-            patch.setattr(choice, "seconds", lambda *_, costs=costs: next(costs) * frames)
+            patch.setattr(expected, "seconds", lambda *_, costs=costs: next(costs) * frames)
             if not fits:
                 with pytest.raises(ConfigError, match="the cheapest settings already take"):
-                    choice.choose(session_of(filmed), [NAME], (), Amount(seconds, True), Selection())
+                    affordable(session_of(filmed), [NAME], (), Amount(seconds, True), Selection())
                 continue
-            made = choice.choose(session_of(filmed), [NAME], (), Amount(seconds, True), Selection())
+            made = affordable(session_of(filmed), [NAME], (), Amount(seconds, True), Selection())
         assert made.chosen.point == POINTS[fits[-1]]
         assert made.cheaper is None if len(fits) == 1 else made.cheaper.point == POINTS[fits[-2]]
         assert made.better is None if len(fits) == len(POINTS) else made.better.point == POINTS[fits[-1] + 1]
@@ -121,19 +122,21 @@ def test_what_is_expected_grows_with_the_work_and_ends_when_all_is_done(filmed: 
     copy = filmed.copy(tmp_path / "archive")
     values = preset("preview").values(48)
 
-    def expected(frames: int, rate: float) -> float:
+    def took(frames: int, rate: float) -> float:
         session = session_of(copy, f"frames.range=0:{frames}")
-        return choice.seconds(session_contexts(session), values, dict.fromkeys(("frames", "depth", "gaussians"), rate))
+        return expected.seconds(
+            session_contexts(session), values, dict.fromkeys(("frames", "depth", "gaussians"), rate)
+        )
 
-    more = [expected(frames, 1e-4) - choice.START for frames in (2, 4, 6)]
+    more = [took(frames, 1e-4) - START for frames in (2, 4, 6)]
     assert more[0] > 0
     assert more == pytest.approx([more[0], 2 * more[0], 3 * more[0]])
-    assert expected(4, 3e-4) - choice.START == pytest.approx(3 * more[1])
+    assert took(4, 3e-4) - START == pytest.approx(3 * more[1])
     words = [w for k, v in values.items() for w in ("--set", f"{k}={v}")]
     fixed = [word for a in (*FIXED, "frames.range=0:4") for word in ("--set", a)]
     done = CliRunner().invoke(app, ["run", "--archive", str(copy.root), *fixed, *words])
     assert done.exit_code == 0, done.output
-    assert expected(4, 1e-4) == choice.START
+    assert took(4, 1e-4) == START
 
 
 def session_contexts(session: Session) -> list[Context]:

@@ -9,9 +9,10 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from posegaussian.dags.budget import choice
+from posegaussian.dags.budget import expected
 from posegaussian.dags.budget.amount import Amount
 from posegaussian.dags.budget.bought import bought
+from posegaussian.dags.budget.choice import affordable
 from posegaussian.dags.budget.front_table import front_points
 from posegaussian.dags.budget.probe import Probe
 from posegaussian.dags.cli.app import app
@@ -79,8 +80,8 @@ def test_a_budget_buys_from_the_front_and_what_the_user_set_stays(
     session, took = session_of(finished, "refinement.steps=7"), iter((1.0, 4.0, 9.0))
     frames = len(finished.context().source_frames)
     monkeypatch.setattr(Probe, "rates", lambda probe, values: {})
-    monkeypatch.setattr(choice, "seconds", lambda *_: next(took) * frames)
-    settled = bought(session, [NAME], (), f"{seconds}s/frame", Selection(), table)
+    monkeypatch.setattr(expected, "seconds", lambda *_: next(took) * frames)
+    settled = bought(session, [NAME], (), Selection(), f"{seconds}s/frame", front=table)
     assert settled.words == words
     assert settled.choice is not None
     assert "its quality with your own refinement.steps was not measured" in settled.choice.sentences()[0]
@@ -103,9 +104,9 @@ def test_what_is_no_front_is_refused_in_a_sentence(
         front_points(tmp_path / "beaten.parquet")
     write_parquet(tmp_path / "older.parquet", [row("24", "none", "many", 1.0, 22.0, True)], {"sequence": "walk"})
     with pytest.raises(ConfigError, match=r"line 1 of older\.parquet: refinement\.steps"):
-        bought(session_of(finished), [NAME], (), "9s/frame", Selection(), tmp_path / "older.parquet")
+        bought(session_of(finished), [NAME], (), Selection(), "9s/frame", front=tmp_path / "older.parquet")
     with pytest.raises(ConfigError, match="a front is for an amount of time"):
-        bought(session_of(finished), [NAME], (), "preview", Selection(), table)
+        bought(session_of(finished), [NAME], (), Selection(), "preview", front=table)
     found = CliRunner().invoke(app, ["run", "--archive", str(finished.root), "--front", str(table)])
     assert isinstance(found.exception, ConfigError)
     assert "is for --budget" in str(found.exception)
@@ -115,6 +116,6 @@ def test_nothing_that_fits_names_what_the_cheapest_takes(
     finished: Pipeline, table: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Probe, "rates", lambda probe, values: {})
-    monkeypatch.setattr(choice, "seconds", lambda *_: 1e3)
+    monkeypatch.setattr(expected, "seconds", lambda *_: 1e3)
     with pytest.raises(ConfigError, match=r"the cheapest settings already take line 3 of tradeoff.* 22\.00 dB on held"):
-        choice.choose(session_of(finished), [NAME], (), Amount(1.0, True), Selection(), front_points(table))
+        affordable(session_of(finished), [NAME], (), Amount(1.0, True), Selection(), front_points(table))

@@ -8,7 +8,7 @@ import cv2
 import pytest
 from typer.testing import CliRunner
 
-from posegaussian.dags.budget.choice import given
+from posegaussian.dags.budget.expected import given
 from posegaussian.dags.cli.app import app
 from posegaussian.dags.config.settings import PACKAGED, load_configuration
 from posegaussian.storage.model.errors import ConfigError

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from posegaussian.dags.diagnostics.held_out_quality import quality
 from posegaussian.dags.planning.plan import make_plan
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.planning.selection import Selection
@@ -20,7 +21,6 @@ from posegaussian.dags.runtime.executors.serial import SerialBackend
 from posegaussian.dags.runtime.scheduler import Run
 from posegaussian.dags.tradeoff import tradeoff
 from posegaussian.dags.tradeoff.pareto import Level, pareto
-from posegaussian.dags.tradeoff.quality import quality
 from posegaussian.dags.tradeoff.tradeoff import chosen_levels, declared_knobs, run_tradeoff
 from posegaussian.storage.archive.receipts import scan_receipts
 from posegaussian.storage.model.errors import ConfigError, UserError

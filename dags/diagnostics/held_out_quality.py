@@ -14,6 +14,7 @@ import numpy as np
 
 from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.results import Results
+from posegaussian.stages.metrics.measures.registry import METRICS
 from posegaussian.stages.network.params import depth_array
 from posegaussian.storage.model.cameras import CameraPath
 
@@ -30,10 +31,17 @@ def quality(context: Context, reference: Context) -> dict[str, float]:
     reference has true depth of its source views; definitions as in stages/metrics.
     """
     found: dict[str, list[float]] = defaultdict(list)
-    for frames in map(context.grid.bounds, context.grid.partitions):
-        for name, value in (*_pictures(context, reference, frames), *_depths(context, reference, frames)):
+    traded = [m.name for m in METRICS.values() if m.traded]
+    for frames in _partitions(context):
+        for name, value in (*_pictures(context, reference, frames, traded), *_depths(context, reference, frames)):
             found[name].append(value)
     return {name: float(np.mean(values)) for name, values in found.items()}
+
+
+def box_psnr(context: Context, reference: Context) -> float | None:
+    """The mean of `psnr box` alone, dB; None where no picture holds anybody. Contexts as of `quality`."""
+    found = [v for frames in _partitions(context) for _, v in _pictures(context, reference, frames, ["psnr"], "box")]
+    return float(np.mean(found)) if found else None
 
 
 def compared(
@@ -54,15 +62,20 @@ def compared(
                 yield picture, truth[j, :high, :wide], mask[j, :high, :wide]
 
 
-def _pictures(context: Context, reference: Context, frames: range) -> Iterator[tuple[str, float]]:
-    from posegaussian.stages.metrics.measures.registry import METRICS
+def _partitions(context: Context) -> Iterator[range]:
+    return map(context.grid.bounds, context.grid.partitions)
+
+
+def _pictures(
+    context: Context, reference: Context, frames: range, measures: list[str], only: str | None = None
+) -> Iterator[tuple[str, float]]:
+    """(measure and region, value) of every held-out picture, of one region alone where it is named."""
     from posegaussian.stages.metrics.run import measure
 
-    traded = [m.name for m in METRICS.values() if m.traded]
-    wanted = context.settings.metrics.model_copy(update={"measures": traded})
+    wanted = context.settings.metrics.model_copy(update={"measures": measures})
     for picture, truth, mask in compared(context, reference, frames):
         for (region, name), value in measure(picture, truth, mask, wanted).items():
-            if isinstance(value, float):
+            if isinstance(value, float) and only in (None, region):
                 yield f"{name} {region}", value
 
 

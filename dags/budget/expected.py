@@ -1,0 +1,186 @@
+"""What a run is expected to take with settings: each is tried on a few frames of the largest sequence."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import ValidationError
+
+from posegaussian.dags.budget.points import POINTS, Point
+from posegaussian.dags.budget.probe import Probe, with_values
+from posegaussian.dags.config.faults import dotted, faults_of
+from posegaussian.dags.config.settings import Configuration
+from posegaussian.dags.humanize.text import seconds_text
+from posegaussian.dags.planning.context import Context, make_context
+from posegaussian.dags.planning.forecast import Loads
+from posegaussian.dags.planning.plan import READY, make_plan
+from posegaussian.dags.planning.resources import CPU, local_pools
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.session.session import Session
+from posegaussian.stages.depth.methods.registry import BY_PICTURES
+from posegaussian.stages.depth.params import DepthParams, method_choice
+from posegaussian.storage.model.errors import ConfigError
+
+START = 8.0
+"""Seconds until the workers of a run have started, and until its page is written."""
+SHARED = 0.9
+"""What one of several workers does in the time in which one alone does 1."""
+EVERYTHING = Selection()
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What a run with the settings of a point is expected to take."""
+
+    point: Point
+    values: Mapping[str, Any]
+    """{stage.key: value} that the point sets: what the user set is left as it is."""
+    seconds: float
+    """By the clock."""
+    reached: float | None = None
+    """Mean box PSNR of held-out cameras, dB, where it was measured: on this capture, or by who made the point."""
+    compared: bool = False
+    """Whether it was measured on this capture, with all settings as they will be."""
+
+    def told(self, frames: int) -> str:
+        """`preview (half size, ...): 12.0 s, 0.40 s a frame, -5.2 dB against the default on simulated people`."""
+        p = self.point
+        return f"{p.name} ({p.told}): {seconds_text(self.seconds)}, {self.seconds / frames:.2g} s a frame, {self.worth}"
+
+    @property
+    def worth(self) -> str:
+        """Its quality, in words."""
+        if self.compared:
+            return f"{self.reached:.2f} dB on held-out cameras"
+        if kept := sorted(self.point.knobs - self.values.keys()):
+            return f"its quality with your own {', '.join(kept)} was not measured"
+        return self.point.worth
+
+
+class Trials:
+    """Points as they are expected to do on some sequences, cheapest first, each tried when it is asked for; what is
+    made for it is deleted at the end."""
+
+    def __init__(
+        self,
+        session: Session,
+        names: Sequence[str],
+        paths: tuple[str, ...],
+        selection: Selection,
+        points: Sequence[Point],
+        compared: bool = False,
+    ) -> None:
+        """`compared`: whether pictures of held-out cameras are measured, too. Raises ConfigError for settings that
+        there are none of, and where such pictures are asked for and there are none."""
+        self.session, self.selection, self.compared = session, selection, compared
+        self.contexts = [session.undecided(n, paths) for n in names]
+        self.frames = sum(c.grid.frames for c in self.contexts)
+        """Of all sequences."""
+        chosen = [c for c in self.contexts if c.held_out] if compared else self.contexts
+        if not chosen:
+            raise ConfigError(
+                f"--quality: no camera of {', '.join(names)} is held out to measure by; keep some aside, for example"
+                f" --set 'views.held_out=[{self.contexts[0].capture.rig.names[-1]}]', or give a --front"
+            )
+        largest = max(chosen, key=_work)
+        self.probe = Probe(largest, session.configuration.default.run.threads, compared)
+        self.points = list(distinct(self.contexts, given(session.configuration), points))
+        for point, values in self.points:
+            _check(point, values, largest)
+
+    def __enter__(self) -> Trials:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.probe.clean()
+
+    def __iter__(self) -> Iterator[Expected]:
+        """Raises RunFailed where a probe fails. Settings that cannot be run are left out, with the reason."""
+        name = self.probe.context.sequence.name
+        self.session.say([f"measuring what settings take on a few frames of {name}, cheapest first"])
+        for point, values in self.points:
+            try:
+                took = seconds(self.contexts, values, self.probe.rates(values), self.selection)
+                reached = self.probe.reached(values) if self.compared else point.reached
+            except ConfigError as e:
+                self.session.say([f"{point.name} is left out: {e}"])
+                continue
+            expected = Expected(point, values, took, reached, self.compared)
+            self.session.hint([expected.told(self.frames)])
+            yield expected
+
+
+def _check(point: Point, values: Mapping[str, Any], context: Context) -> None:
+    """Raise ConfigError for settings that there are none of, as a table of another version may have."""
+    try:
+        with_values(context.settings, values)
+    except ValidationError as e:
+        faults = faults_of(e, context.settings.model_dump(), lambda at: "unknown key")
+        raise ConfigError(f"{point.name}: " + "; ".join(f"{dotted(at)}: {what}" for at, what in faults)) from e
+
+
+def distinct(
+    contexts: Sequence[Context], own: Collection[str], points: Sequence[Point] = POINTS
+) -> Iterator[tuple[Point, dict[str, Any]]]:
+    """The points with what each sets, cheapest first, without those that set what an earlier one does; `own`
+    {stage.key} the user set."""
+    seen: list[dict[str, Any]] = []
+    for point in points:
+        values = values_of(point, contexts, own)
+        if values not in seen:
+            seen.append(values)
+            yield point, values
+
+
+def values_of(point: Point, contexts: Sequence[Context], own: Collection[str]) -> dict[str, Any]:
+    """{stage.key: value} of a point: what the user set stays, and a depth method is set only where matching has a
+    choice, on no capture of a single view or with depth of its own."""
+    kept = set(own)
+    if any(method_choice(DepthParams(), c.facts)[0] not in BY_PICTURES for c in contexts):
+        kept.add("depth.method")
+    longest = max(int(c.capture.rig.size.max()) for c in contexts)
+    return {knob: value for knob, value in point.values(longest).items() if knob not in kept}
+
+
+def given(configuration: Configuration) -> set[str]:
+    """`stage.key` of everything that the user set, for all sequences or some."""
+    found = set()
+    for layer in configuration.layers[1:]:
+        for section in (layer.values, *(layer.values.get("sequences") or {}).values()):
+            found |= {f"{s}.{k}" for s, own in section.items() if isinstance(own, Mapping) for k in own}
+    return found
+
+
+def seconds(
+    contexts: Sequence[Context],
+    values: Mapping[str, Any],
+    rates: Mapping[str, float],
+    selection: Selection = EVERYTHING,
+) -> float:
+    """By the clock, of a run of all that is not fresh: `rates` are seconds per unit of work by stage, one task at a
+    time. Tasks of a whole sequence run alone; the others share the workers."""
+    alone, shared, partitions = 0.0, 0.0, 0
+    for context in contexts:
+        own = make_context(
+            context.sequence,
+            with_values(context.settings, values),
+            context.path_texts if context.asked_for else (),
+        )
+        loads = Loads(own)
+        for verdict in make_plan(own, selection).verdicts.values():
+            task = verdict.task
+            if verdict.state in READY or task.stage not in rates:
+                continue
+            took = rates[task.stage] * loads(task).work
+            alone, shared = (alone, shared + took) if task.partition is not None else (alone + took, shared)
+        partitions += len(own.grid.partitions)
+    workers = local_pools(contexts[0].settings.run)[CPU].workers
+    rounds = -(-partitions // workers) / partitions
+    return START + alone + shared * rounds / (SHARED if min(workers, partitions) > 1 else 1)
+
+
+def _work(context: Context) -> int:
+    width, height = context.rig.size.max(axis=0)
+    return int(context.grid.frames * len(context.views.sources) * width * height)
