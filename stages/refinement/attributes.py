@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from posegaussian.stages.refinement.lifting import Rays
 from posegaussian.stages.rendering.lift import GaussianMaps, Pixels
 from posegaussian.stages.splatting.definition.scene import Gaussians
 
@@ -26,20 +27,6 @@ NEAREST = 0.5
 
 Offsets = dict[str, np.ndarray]
 """{attribute: [C, N] float32}."""
-
-
-class _Exp(torch.autograd.Function):
-    """e^x by numpy: torch's own may round by the element's place in the array, which threads share out."""
-
-    @staticmethod
-    def forward(ctx: Any, x: torch.Tensor) -> torch.Tensor:
-        y = torch.from_numpy(np.exp(x.detach().numpy()))
-        ctx.save_for_backward(y)
-        return y
-
-    @staticmethod
-    def backward(ctx: Any, up: torch.Tensor) -> torch.Tensor:
-        return up * ctx.saved_tensors[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,61 +95,77 @@ class SharedGaussians:
         """{view: its Gaussians}."""
         self.views = dict(views)
         parts = list(views.values())
-        self.pixels = Pixels.joined([p.pixels for p in parts])
-        self.base = {n: torch.from_numpy(np.concatenate([p.base[n] for p in parts], axis=1)) for n in parts[0].base}
-        self.footprint = torch.from_numpy(np.concatenate([p.footprint for p in parts], axis=1))
-        self.twist = torch.from_numpy(np.concatenate([p.twist for p in parts], axis=1))
+        self.rays = Rays.of([p.pixels for p in parts])
+        self.base = {n: np.concatenate([p.base[n] for p in parts], axis=1) for n in parts[0].base}
+        self.footprint = np.concatenate([p.footprint for p in parts], axis=1)
+        self.twist = np.concatenate([p.twist for p in parts], axis=1)
         farthest = np.concatenate([np.full((1, len(p)), p.farthest, np.float32) for p in parts], axis=1)
-        color = self.base["color"].numpy()
+        color = self.base["color"]
         self.bounds: dict[str, tuple[Any, Any]] = {
             **{name: (-f, f) for name, f in FARTHEST.items()},
             "depth": (-farthest, farthest),
             "color": (-color, 1 - color),
         }
-        self.offsets = {name: torch.zeros((c, len(self)), requires_grad=True) for name, c in CHANNELS.items()}
+        self.offsets: Offsets = {name: np.zeros((c, len(self)), np.float32) for name, c in CHANNELS.items()}
 
     def __len__(self) -> int:
-        return len(self.pixels)
+        return len(self.rays.x)
 
     def gaussians(self) -> Gaussians:
-        """In the world, the same from all sides, differentiable in the offsets."""
+        """In the world, the same from all sides; each a leaf, whose gradient `slopes` carries on to the offsets."""
         v = self._values()
-        faces = v["opacity"].T.expand(-1, 2)
-        normal, twist = (v[name].unbind(0) for name in ("rotation", "twist"))
-        return self.pixels.lift(v["depth"][0], normal, v["scale"].T, faces, v["color"].T, twist).from_all_sides()
+        mean, rotation = self.rays.lifted(v["depth"][0], v["rotation"], v["twist"])
+        scale, color = (np.ascontiguousarray(v[name].T) for name in ("scale", "color"))
+        made = (mean, rotation, scale, v["opacity"][0], color)
+        return Gaussians(*(torch.from_numpy(a).requires_grad_() for a in made))
 
-    def _values(self) -> dict[str, torch.Tensor]:
+    def slopes(self, gaussians: Gaussians) -> Offsets:
+        """What the gradients of `gaussians`, made of the offsets as they are, are by the offsets."""
+        v, (cosine, sine) = self._values(), self.twist
+        mean, rotation, scale, opacity, color = (_gradient(t) for t in vars(gaussians).values())
+        by_depth, by_normal, by_twist = self.rays.slopes(v["rotation"], v["twist"], mean, rotation)
+        p = v["opacity"]
+        return {
+            "color": color.T,
+            "scale": scale.T * v["scale"],
+            "rotation": by_normal,
+            "opacity": opacity[None] * p * (1 - p),
+            "depth": by_depth[None] * self.footprint,
+            "twist": (by_twist[1] * cosine - by_twist[0] * sine)[None],
+        }
+
+    def _values(self) -> dict[str, np.ndarray]:
         """{attribute: [C, N]}: colour in sRGB, scale and depth in m, opacity 0..1, a normal and a turn
         of any length."""
         o, b, (cosine, sine) = self.offsets, self.base, self.twist
         return {
             "color": b["color"] + o["color"],
-            "scale": _Exp.apply(b["scale"] + o["scale"]),
+            "scale": np.exp(b["scale"] + o["scale"]),
             "rotation": b["rotation"] + o["rotation"],
-            "opacity": 1 / (1 + _Exp.apply(-(b["opacity"] + o["opacity"]))),
+            "opacity": 1 / (1 + np.exp(-(b["opacity"] + o["opacity"]))),
             "depth": b["depth"] + o["depth"] * self.footprint,
-            "twist": torch.stack([cosine - o["twist"][0] * sine, sine + o["twist"][0] * cosine]),
+            "twist": np.stack([cosine - o["twist"][0] * sine, sine + o["twist"][0] * cosine]),
         }
-
-    def arrays(self) -> Offsets:
-        """The offsets' own memory."""
-        return {name: t.detach().numpy() for name, t in self.offsets.items()}
 
     def confine(self) -> None:
         """Bring the offsets back within their bounds; colours stay within 0..1."""
-        for name, a in self.arrays().items():
+        for name, a in self.offsets.items():
             np.clip(a, *self.bounds[name], out=a)
 
     def maps(self) -> dict[int, GaussianMaps]:
         """{view: its optimised maps}."""
-        with torch.no_grad():
-            values = {name: v.numpy() for name, v in self._values().items()}
+        values = self._values()
         found, start = {}, 0
         for view, part in self.views.items():
             stop = start + len(part)
             found[view] = part.with_values({name: v[:, start:stop] for name, v in values.items()})
             start = stop
         return found
+
+
+def _gradient(leaf: torch.Tensor) -> np.ndarray:
+    """Of a tensor; 0 where nothing depended on it."""
+    return np.zeros(leaf.shape, np.float32) if leaf.grad is None else leaf.grad.numpy()
 
 
 def twist_of(maps: GaussianMaps) -> np.ndarray:

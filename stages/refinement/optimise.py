@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numba import njit
 
 from posegaussian.stages.refinement.attributes import Offsets, SharedGaussians, ViewGaussians
 from posegaussian.stages.refinement.judging import Judge, Judgement, draw
@@ -61,39 +62,43 @@ class Rehearsal:
 
 
 class _Adam:
-    """Adam for the offsets, in numpy: torch's own may round by an element's place in the array, which threads share
+    """Adam for the offsets, element by element: torch's own may round by the place in the array, which threads share
     out."""
 
     def __init__(self, gaussians: SharedGaussians) -> None:
         self.gaussians = gaussians
-        self.mean: Offsets = {name: np.zeros_like(a) for name, a in gaussians.arrays().items()}
-        self.square: Offsets = {name: np.zeros_like(a) for name, a in gaussians.arrays().items()}
+        self.mean: Offsets = {name: np.zeros_like(a) for name, a in gaussians.offsets.items()}
+        self.square: Offsets = {name: np.zeros_like(a) for name, a in gaussians.offsets.items()}
         self.count = 0
         self.masked = 0
 
-    def step(self, slower: float) -> None:
-        """One step along the gradients, which are used up, at rates divided by `slower`; one that is not finite counts
-        as 0."""
+    def step(self, slopes: Offsets, slower: float) -> None:
+        """One step against slopes by the offsets, at rates divided by `slower`; one that is not finite counts as 0."""
         self.count += 1
-        for name, values in self.gaussians.arrays().items():
-            tensor = self.gaussians.offsets[name]
-            gradient, tensor.grad = tensor.grad, None
-            if gradient is None:
-                continue
-            g = gradient.numpy()
-            bad = ~np.isfinite(g)
-            if bad.any():
-                self.masked += int(bad.sum())
-                g = np.where(bad, np.float32(0), g)
-            mean, square = self.mean[name], self.square[name]
-            mean += np.float32(1 - MEAN) * (g - mean)
-            square += np.float32(1 - SQUARE) * (g * g - square)
-            size = np.sqrt(square / np.float32(1 - SQUARE**self.count))
-            ahead = np.isfinite(size) & (size > 0)
-            values -= np.float32(RATES[name] / slower / (1 - MEAN**self.count)) * np.divide(
-                mean, size, out=np.zeros_like(mean), where=ahead
-            )
+        for name, values in self.gaussians.offsets.items():
+            rate = np.float32(RATES[name] / slower / (1 - MEAN**self.count))
+            unbiased = np.float32(1 / (1 - SQUARE**self.count))
+            self.masked += _move(values, slopes[name], self.mean[name], self.square[name], rate, unbiased)
         self.gaussians.confine()
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _move(values, slopes, mean, square, rate, unbiased):  # type: ignore[no-untyped-def]
+    """Move values [C, N], and the running means of their slopes and of these squared, all in place; returns how many
+    slopes are not finite."""
+    masked, nearer, larger = 0, np.float32(1 - MEAN), np.float32(1 - SQUARE)
+    for c in range(values.shape[0]):
+        for n in range(values.shape[1]):
+            g = slopes[c, n]
+            if not np.isfinite(g):
+                masked += 1
+                g = np.float32(0)
+            mean[c, n] += nearer * (g - mean[c, n])
+            square[c, n] += larger * (g * g - square[c, n])
+            size = np.sqrt(square[c, n] * unbiased)
+            if size > 0 and np.isfinite(size):
+                values[c, n] -= rate * mean[c, n] / size
+    return masked
 
 
 def rehearse(
@@ -144,5 +149,5 @@ class Walk:
             torch.autograd.backward(
                 [drawn.color, drawn.alpha, gaussians.opacity], [*slopes, torch.full_like(gaussians.opacity, NEEDLESS)]
             )
-            self.adam.step(1 + self.made / SLOWER)
+            self.adam.step(self.gaussians.slopes(gaussians), 1 + self.made / SLOWER)
         self.made += 1

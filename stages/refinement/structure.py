@@ -36,11 +36,14 @@ def structure(
     Outside the picture all is 0, as published with 3DGS, so the window is its own adjoint. OpenCV filters row by row,
     and sums have a fixed order: the result does not depend on threads.
     """
-    value, by_mean, by_square, by_product = _slopes(
-        _blur(x), _blur(cv2.multiply(x, x)), _blur(cv2.multiply(x, y)), *moments, weight, np.float32(share / 6)
-    )
-    slope = _gathered(_blur(by_mean), _blur(by_square), _blur(by_product), x, y)
-    return value, slope
+    flat = x.shape[0], x.shape[1] * x.shape[2]
+    weights = np.repeat(np.float32(share / 6) * weight, x.shape[2], axis=1)
+    mx, mxx, mxy = (_blur(v).reshape(flat) for v in (x, cv2.multiply(x, x), cv2.multiply(x, y)))
+    my, myy = (m.reshape(flat) for m in moments)
+    missed, *slopes = _slopes(mx, mxx, mxy, my, myy, weights)
+    by_mean, by_square, by_product = (_blur(s.reshape(x.shape)).reshape(flat) for s in slopes)
+    slope = _gathered(by_mean, by_square, by_product, x.reshape(flat), y.reshape(flat)).reshape(x.shape)
+    return float(missed.sum(dtype=np.float64)), slope
 
 
 def around(wanted: np.ndarray) -> tuple[slice, slice]:
@@ -59,39 +62,38 @@ def _blur(values: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _slopes(mx, mxx, mxy, my, myy, weight, share):  # type: ignore[no-untyped-def]
-    """The value, and what it changes by a change of the window's mean, of its squares and of its products."""
-    h, w, channels = mx.shape
-    by_mean, by_square, by_product = np.empty_like(mx), np.empty_like(mx), np.empty_like(mx)
+def _slopes(mx, mxx, mxy, my, myy, weight):  # type: ignore[no-untyped-def]
+    """What is missed, and what it changes by with the window's mean, its squares and its products: all [h, n] float32,
+    channels side by side, so that a processor takes many at a time."""
+    missed, by_mean, by_square, by_product = (
+        np.empty_like(mx),
+        np.empty_like(mx),
+        np.empty_like(mx),
+        np.empty_like(mx),
+    )
     c1, c2, one, two = np.float32(C1), np.float32(C2), np.float32(1), np.float32(2)
-    value = 0.0
-    for i in range(h):
-        row = np.float32(0)
-        for j in range(w):
-            s = share * weight[i, j]
-            for c in range(channels):
-                a, b = mx[i, j, c], my[i, j, c]
-                a1, b1 = two * a * b + c1, a * a + b * b + c1
-                a2 = two * (mxy[i, j, c] - a * b) + c2
-                b2 = (mxx[i, j, c] - a * a) + (myy[i, j, c] - b * b) + c2
-                bottom = one / (b1 * b2)
-                ssim = a1 * a2 * bottom
-                square, product = -s * ssim / b2, s * two * a1 * bottom
-                row += s * (one - ssim)
-                by_square[i, j, c], by_product[i, j, c] = square, product
-                mean = s * (two * b * a2 * bottom - two * a * ssim / b1)
-                by_mean[i, j, c] = mean - two * a * square - b * product
-        value += row
-    return value, by_mean, by_square, by_product
+    for i in range(mx.shape[0]):
+        for j in range(mx.shape[1]):
+            s, a, b = weight[i, j], mx[i, j], my[i, j]
+            a1, b1 = two * a * b + c1, a * a + b * b + c1
+            a2 = two * (mxy[i, j] - a * b) + c2
+            b2 = (mxx[i, j] - a * a) + (myy[i, j] - b * b) + c2
+            bottom = one / (b1 * b2)
+            ssim = a1 * a2 * bottom
+            square, product = -s * ssim / b2, s * two * a1 * bottom
+            missed[i, j] = s * (one - ssim)
+            by_square[i, j], by_product[i, j] = square, product
+            mean = s * (two * b * a2 * bottom - two * a * ssim / b1)
+            by_mean[i, j] = mean - two * a * square - b * product
+    return missed, by_mean, by_square, by_product
 
 
 @njit(cache=True, nogil=True)
 def _gathered(by_mean, by_square, by_product, x, y):  # type: ignore[no-untyped-def]
-    """The slope by every pixel, of the windows it lies in."""
+    """The slope [h, n] by every pixel, of the windows it lies in."""
     slope = np.empty_like(by_mean)
     for i in range(x.shape[0]):
         for j in range(x.shape[1]):
-            for c in range(x.shape[2]):
-                along = np.float32(2) * x[i, j, c] * by_square[i, j, c] + y[i, j, c] * by_product[i, j, c]
-                slope[i, j, c] = -(by_mean[i, j, c] + along)
+            along = np.float32(2) * x[i, j] * by_square[i, j] + y[i, j] * by_product[i, j]
+            slope[i, j] = -(by_mean[i, j] + along)
     return slope

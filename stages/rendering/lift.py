@@ -15,8 +15,8 @@ from posegaussian.storage.model.cameras import points_from_integer_centres
 
 Values: TypeAlias = np.ndarray | torch.Tensor
 Axis: TypeAlias = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
-Pose: TypeAlias = Sequence[Sequence[float | torch.Tensor]]
-"""A matrix for all Gaussians, or one each: numbers, or tensors [N]."""
+Pose: TypeAlias = Sequence[Sequence[float]]
+"""A matrix, row by row."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,18 +100,6 @@ class Pixels:
         y = (rows.to(depth.dtype) + (centre - k[1][2])) / k[1][1]
         x = (columns.to(depth.dtype) + (centre - k[0][2]) - k[0][1] * y) / k[0][0]
         return cls(index, rows, columns, x, y, world_to_camera.tolist(), masked)
-
-    @classmethod
-    def joined(cls, parts: Sequence[Pixels]) -> Pixels:
-        """Those of several views, one after the other."""
-        pose = [
-            [torch.cat([p.x.new_full((len(p),), float(p.pose[i][j])) for p in parts]) for j in range(4)]
-            for i in range(3)
-        ]
-        index, rows, columns, x, y = (
-            torch.cat([getattr(p, name) for p in parts]) for name in ("index", "rows", "columns", "x", "y")
-        )
-        return cls(index, rows, columns, x, y, pose, sum(p.masked for p in parts))
 
     def __len__(self) -> int:
         return len(self.x)
