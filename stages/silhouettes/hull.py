@@ -196,7 +196,6 @@ class Silhouettes:
                 self.projections,
                 self.boxes,
                 self.sizes,
-                self.focals,
                 self.centre,
                 self.radius,
                 self._pixel_among(among),
@@ -261,18 +260,20 @@ def beside(
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _outside(
     z: float,
+    ahead: float,
     start: np.ndarray,
     along: np.ndarray,
+    moves: np.ndarray,
     distance: np.ndarray,
     sizes: np.ndarray,
-    focals: np.ndarray,
     order: np.ndarray,
     tolerance: float,
     overruled: int,
 ) -> float:
     """0 where the ray's point at depth z lies in the hull (enough views see it, and no more than `overruled` of them
-    carve it); else metres around it that surely do not.
+    carve it); else by how much depth may grow (`ahead` 1) or fall (-1) so that the points between surely do not.
 
+    Between depths z and z', which are w and w' in front of a view, the point moves by moves |z' - z| / (w w') px there.
     A view that carves goes to the front of the `order` [S] in which they are asked: it will carve the next point, too.
     """
     seen, against, free = 0, 0, np.inf
@@ -284,7 +285,8 @@ def _outside(
             against += 1
             # What leaves the picture is no longer carved. 0.9: the distance transform errs by a few percent.
             px = min(0.9 * (px - tolerance), edge)
-            free = min(free, px * w / (focals[v] + px))
+            slower = moves[v] - ahead * px * w * along[v, 2]
+            free = min(free, px * w * w / slower if slower > 0 else np.inf)
             order[n], order[0] = order[0], v
             if against > overruled:
                 return max(free, 1e-9)
@@ -315,6 +317,35 @@ def _part(
 
 
 @njit(cache=True, nogil=True)
+def _witnessed(seen: np.ndarray, z0: float, z1: float) -> tuple[float, float]:
+    """The part of [z0, z1] between whose ends enough views see the ray, each a part `seen` [S, 2] of it."""
+    first = second = np.inf
+    last = last_but_one = -np.inf
+    for low, high in seen:
+        if low < first:
+            first, second = low, first
+        elif low < second:
+            second = low
+        if high > last:
+            last, last_but_one = high, last
+        elif high > last_but_one:
+            last_but_one = high
+    return (max(z0, first), min(z1, last)) if len(seen) < WITNESSES else (max(z0, second), min(z1, last_but_one))
+
+
+@njit(cache=True, nogil=True)
+def _watched(
+    start: np.ndarray, along: np.ndarray, sizes: np.ndarray, among: np.ndarray, z0: float, z1: float
+) -> tuple[float, float]:
+    """The part of [z0, z1] that enough of the views `among` all see to be of the hull, whatever they carve."""
+    seen = np.empty((len(among), 2))
+    for n in range(len(among)):
+        v = among[n]
+        seen[n, 0], seen[n, 1] = _part(start[v], along[v], 0.0, 0.0, sizes[v, 0] - 1, sizes[v, 1] - 1, z0, z1)
+    return _witnessed(seen, z0, z1)
+
+
+@njit(cache=True, nogil=True)
 def clip_ray(
     start: np.ndarray,
     along: np.ndarray,
@@ -332,8 +363,7 @@ def clip_ray(
         v = among[n]
         seen[n, 0], seen[n, 1] = _part(start[v], along[v], 0.0, 0.0, sizes[v, 0] - 1, sizes[v, 1] - 1, z0, z1)
         kept[n, 0], kept[n, 1] = _part(start[v], along[v], boxes[v, 0], boxes[v, 1], boxes[v, 2], boxes[v, 3], z0, z1)
-    witnesses = min(WITNESSES, views)
-    z0, z1 = max(z0, np.sort(seen[:, 0])[witnesses - 1]), min(z1, np.sort(seen[:, 1])[views - witnesses])
+    z0, z1 = _witnessed(seen, z0, z1)
     moved = True
     while moved and z0 < z1:
         moved = False
@@ -354,35 +384,35 @@ def clip_ray(
 def _end(
     z: float,
     step: float,
-    pixel: float,
     last: float,
     start: np.ndarray,
     along: np.ndarray,
+    moves: np.ndarray,
     distance: np.ndarray,
     sizes: np.ndarray,
-    focals: np.ndarray,
     order: np.ndarray,
     how: tuple[float, int],
 ) -> float:
-    """Depth at which the walk from z by `step` (`pixel` metres) towards `last` enters the hull, refined by
-    bisection; -1 if it never does."""
+    """Depth at which the walk from z by `step` towards `last` enters the hull, refined by bisection; -1 if it never
+    does."""
     count = int(min(abs(last - z) / abs(step), MOST_POINTS)) + 2
+    ahead = 1.0 if step > 0 else -1.0
     i = 0
     while i < count:
         here = z + i * step if i < count - 1 else last
-        free = _outside(here, start, along, distance, sizes, focals, order, how[0], how[1])
+        free = _outside(here, ahead, start, along, moves, distance, sizes, order, how[0], how[1])
         if free == 0:
             if i == 0:
                 return here
             outside, inside = z + (i - 1) * step, here
             for _ in range(BISECTIONS):
                 middle = 0.5 * (outside + inside)
-                if _outside(middle, start, along, distance, sizes, focals, order, how[0], how[1]) == 0:
+                if _outside(middle, ahead, start, along, moves, distance, sizes, order, how[0], how[1]) == 0:
                     inside = middle
                 else:
                     outside = middle
             return inside
-        i += max(1, int(free / pixel))
+        i += max(1, int(min(free / abs(step), count)))
     return -1.0
 
 
@@ -394,7 +424,6 @@ def _march(
     projections: np.ndarray,
     boxes: np.ndarray,
     sizes: np.ndarray,
-    focals: np.ndarray,
     centre: np.ndarray,
     radius: float,
     pixel: float,
@@ -410,6 +439,7 @@ def _march(
     """
     views = projections.shape[0]
     start, along, order = np.empty((views, 3)), np.empty((views, 3)), among.copy()
+    moves = np.empty(views)
     for n in range(directions.shape[0]):
         ends[n, 0] = ends[n, 1] = 0.0
         d = directions[n]
@@ -417,22 +447,24 @@ def _march(
         if last <= first:
             continue
         into_views(origin, d, projections, start, along)
+        for v in range(views):
+            across = along[v, 0] * start[v, 2] - start[v, 0] * along[v, 2]
+            down = along[v, 1] * start[v, 2] - start[v, 1] * along[v, 2]
+            moves[v] = math.sqrt(across * across + down * down)
         step = pixel / math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
         clipped = clip_ray(start, along, boxes, sizes, among, first, last)
         for how in tries:
-            # A view that is overruled does not clip either.
-            z0, z1 = (first, last) if how[1] else clipped
+            # A view that is overruled does not clip either, but to where enough others look.
+            z0, z1 = _watched(start, along, sizes, among, first, last) if how[1] else clipped
             if z1 <= z0:
                 continue
-            near = _end(z0, step, pixel, z1, start, along, distance, sizes, focals, order, how)
+            near = _end(z0, step, z1, start, along, moves, distance, sizes, order, how)
             if near >= 0:
                 ends[n, 0] = near
                 ends[n, 1] = near
                 if far:
                     # The way back may stride over a hull thinner than a step: then it is as thick as the point found.
-                    ends[n, 1] = max(
-                        near, _end(z1, -step, pixel, near, start, along, distance, sizes, focals, order, how)
-                    )
+                    ends[n, 1] = max(near, _end(z1, -step, near, start, along, moves, distance, sizes, order, how))
                 break
 
 

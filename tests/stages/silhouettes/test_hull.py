@@ -11,7 +11,7 @@ from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.silhouettes.hull import Silhouettes, searched_radius
 from posegaussian.stages.silhouettes.hull import visual_hull as hull_of
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
-from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.model.cameras import Rig, points_from_integer_centres
 from tests.support.known_geometry import camera, on_ring, rig_of, ring, sphere_depth, sphere_mask
 
 
@@ -262,3 +262,43 @@ def test_the_hull_of_the_others_is_what_those_alone_leave() -> None:
         first = others.ends(origin, directions, (0.5, 0.5), votes=False)[:, 0] > 0
         np.testing.assert_array_equal(silhouettes.met(origin, directions, 0.5, without=view), first)
         assert 0 < first.sum() < len(first)
+
+
+@pytest.mark.parametrize("overruled", [0, 1])
+def test_strides_step_over_no_point_of_the_hull(person: PersonCapture, overruled: int) -> None:
+    """Every point of a ray, a sixth of a pixel apart, that enough masks keep lies between the ends that were found."""
+    rig, masks = person.rig, {v: person.mask[0, v] for v in range(1, 8)}
+    silhouettes = Silhouettes.of(rig, masks, np.zeros(3), searched_radius(rig, list(masks), np.zeros(3)))
+    pixels = np.argwhere(person.mask[0, 0] > 127)[::37, ::-1]
+    origin, directions = rays(points_from_integer_centres(pixels), rig.intrinsics[0], rig.world_to_camera[0])
+    ends = silhouettes._marched(origin, directions, [(0.0, overruled)], None, True)
+    step = silhouettes.pixel / np.linalg.norm(directions[0])
+    depths = np.arange(1e-3, 2 * np.linalg.norm(origin), step / 6)
+    missed = 0
+    for d, (near, far) in zip(directions, ends, strict=True):
+        points = origin + depths[:, None] * d
+        seen, carved = np.zeros(len(points), int), np.zeros(len(points), int)
+        for distance, projection, size in zip(
+            silhouettes.distance, silhouettes.projections, silhouettes.sizes, strict=True
+        ):
+            x, y, w = projection @ np.c_[points, np.ones(len(points))].T
+            x, y = x / w, y / w
+            sees = (w > 0) & (x >= 0) & (y >= 0) & (x <= size[0] - 1) & (y <= size[1] - 1)
+            px = cv2.remap(distance, x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR)[0]
+            seen += sees
+            carved += sees & (px > 1e-3)  # remap rounds places to a 32nd of a pixel
+        kept = (carved <= overruled) & (seen - carved >= 2) & (np.linalg.norm(points, axis=1) < silhouettes.radius)
+        if near == 0:
+            missed += kept.any()
+            continue
+        # A lattice's point may miss what is thinner than a step; beyond that nothing is kept outside the ends.
+        outside = kept & ((depths < near - step) | (depths > far + step))
+        missed += longest(outside) > 6
+    assert (ends[:, 0] > 0).mean() > 0.9
+    assert missed <= 0.02 * len(directions)
+
+
+def longest(flags: np.ndarray) -> int:
+    """Most True in a row."""
+    edges = np.flatnonzero(np.diff(np.r_[False, flags, False]))
+    return int(np.diff(edges)[::2].max(initial=0))
