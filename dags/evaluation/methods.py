@@ -72,7 +72,7 @@ def methods() -> dict[str, Method]:
         Method(
             "pose_off",
             "the network without pose, by weights trained without it",
-            (f"network.weights={without_pose()}",),
+            (f"network.weights={without_pose()}", "effects.pose_heatmaps=off"),
             _no_weights,
         ),
         Method(

@@ -18,6 +18,8 @@ from posegaussian.stages.silhouettes.hull import (
     clip_ray,
     in_sphere,
     into_views,
+    motion,
+    stride,
 )
 
 FINE = 0.5
@@ -188,7 +190,7 @@ def _coverage(
     """As `coverage`; `step` metres."""
     count = projections.shape[0]
     out = np.zeros(len(directions), np.float32)
-    start, along = np.empty((count, 3)), np.empty((count, 3))
+    start, along, moves = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
     every, order = np.arange(count), np.arange(count)
     for n in range(len(directions)):
         d = directions[n]
@@ -200,12 +202,13 @@ def _coverage(
             order[v] = v  # a ray's points must not depend on the rays before it
         first, last = in_sphere(origin - centre, d, radius)
         z, last = clip_ray(start, along, boxes, sizes, every, first, last) if first < last else (first, last)
-        length = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+        motion(start, along, moves)
+        pace = step / np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
         best = 0.0
         for _ in range(int(MOST_POINTS / FINE)):  # a step that is lost in z's rounding would never end
             if not z <= last or best >= enough[n]:
                 break
-            seen, share, free = 0, 1.0, step
+            seen, share, free = 0, 1.0, pace
             for k in range(count):
                 v = order[k]
                 px, edge, w = beside(z, v, start, along, distance, sizes)
@@ -215,11 +218,11 @@ def _coverage(
                 share = min(share, 0.5 - px)
                 if share <= best:
                     px = min(0.9 * (px - 0.5), edge)
-                    free = max(free, px * w / (focals[v] + px)) if px > 0 else free
+                    free = max(free, stride(px, 1.0, w, v, along, moves)) if px > 0 else free
                     order[k], order[0] = order[0], v
                     break
             if share > best and seen >= min(WITNESSES, count):
                 best = share
-            z += free / length
+            z += free
         out[n] = min(best, 1.0)
     return out

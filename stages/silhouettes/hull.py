@@ -258,6 +258,14 @@ def beside(
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def stride(px: float, ahead: float, w: float, v: int, along: np.ndarray, moves: np.ndarray) -> float:
+    """By how much depth must grow (`ahead` 1) or fall (-1) until a ray's point, w in front of view v, has moved by px
+    there: |z' - z| moves / (w w') with w' its distance then. inf where it never does."""
+    slower = moves[v] - ahead * px * w * along[v, 2]
+    return px * w * w / slower if slower > 0 else np.inf
+
+
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
 def _outside(
     z: float,
     ahead: float,
@@ -273,7 +281,6 @@ def _outside(
     """0 where the ray's point at depth z lies in the hull (enough views see it, and no more than `overruled` of them
     carve it); else by how much depth may grow (`ahead` 1) or fall (-1) so that the points between surely do not.
 
-    Between depths z and z', which are w and w' in front of a view, the point moves by moves |z' - z| / (w w') px there.
     A view that carves goes to the front of the `order` [S] in which they are asked: it will carve the next point, too.
     """
     seen, against, free = 0, 0, np.inf
@@ -284,9 +291,7 @@ def _outside(
         if px > tolerance:
             against += 1
             # What leaves the picture is no longer carved. 0.9: the distance transform errs by a few percent.
-            px = min(0.9 * (px - tolerance), edge)
-            slower = moves[v] - ahead * px * w * along[v, 2]
-            free = min(free, px * w * w / slower if slower > 0 else np.inf)
+            free = min(free, stride(min(0.9 * (px - tolerance), edge), ahead, w, v, along, moves))
             order[n], order[0] = order[0], v
             if against > overruled:
                 return max(free, 1e-9)
@@ -447,10 +452,7 @@ def _march(
         if last <= first:
             continue
         into_views(origin, d, projections, start, along)
-        for v in range(views):
-            across = along[v, 0] * start[v, 2] - start[v, 0] * along[v, 2]
-            down = along[v, 1] * start[v, 2] - start[v, 1] * along[v, 2]
-            moves[v] = math.sqrt(across * across + down * down)
+        motion(start, along, moves)
         step = pixel / math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
         clipped = clip_ray(start, along, boxes, sizes, among, first, last)
         for how in tries:
@@ -478,6 +480,16 @@ def into_views(
             p = projections[v, i]
             start[v, i] = p[0] * origin[0] + p[1] * origin[1] + p[2] * origin[2] + p[3]
             along[v, i] = p[0] * d[0] + p[1] * d[1] + p[2] * d[2]
+
+
+@njit(cache=True, nogil=True)
+def motion(start: np.ndarray, along: np.ndarray, moves: np.ndarray) -> None:
+    """Fill moves [S]: between depths z and z', w and w' in front of a view, a ray's point moves by moves |z' - z| / (w
+    w') px there."""
+    for v in range(len(moves)):
+        across = along[v, 0] * start[v, 2] - start[v, 0] * along[v, 2]
+        down = along[v, 1] * start[v, 2] - start[v, 1] * along[v, 2]
+        moves[v] = math.sqrt(across * across + down * down)
 
 
 @njit(cache=True, nogil=True)
