@@ -12,7 +12,7 @@ from posegaussian.stages.contract.facts import MASKS
 from posegaussian.stages.contract.io import Inputs
 from posegaussian.stages.depth.algorithms.pose_prior import limbs_of
 from posegaussian.stages.geometry.subject import look_at_point
-from posegaussian.stages.rendering.clipping import UNSURE, cover, retouched
+from posegaussian.stages.rendering.clipping import SOFT, SPARED, UNSURE, cover, retouched
 from posegaussian.stages.rendering.closing import Body, closed
 from posegaussian.stages.rendering.evening import outlines_for, part_around
 from posegaussian.stages.rendering.facts import (
@@ -40,6 +40,7 @@ from posegaussian.stages.rendering.sources import (
 from posegaussian.stages.rendering.view_color import Photo, color_towards
 from posegaussian.stages.silhouettes.hull import Silhouettes
 from posegaussian.stages.silhouettes.places import agreed
+from posegaussian.stages.silhouettes.softness import softness
 from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Drawing, Gaussians
 from posegaussian.stages.splatting.device import device
 from posegaussian.stages.splatting.rasterizer import rasterize
@@ -115,6 +116,7 @@ class FrameRenderer:
         self.silhouettes = agreed(inputs.rig, reader.masks(i)) if self.retouches else None
         self.sureness = reader.sureness(i) if POSE_BLENDING in self.facts else None
         self.body = self._body(self.silhouettes) if SURFACE_CLOSING in self.facts else None
+        self.beyond = self._clipped_beyond()
         self._lifted: dict[tuple[int, bool], Lifted] = {}
         self._refined: Gaussians | None = None
         self._photos: dict[int, Photo] = {}
@@ -165,22 +167,23 @@ class FrameRenderer:
         if self.body is not None:
             covered = cover(self.silhouettes, camera, touched[1] < 1)
             touched = closed(*touched, self.body, camera, covered)
-        filling, beyond = HOLE_FILLING in self.facts, self._beyond
+        filling = HOLE_FILLING in self.facts
         outlines = (
             outlines_for(camera, self.rig, self.silhouettes, self.reader.masks(self.i))
             if OUTLINE_EVENING in self.facts
             else None
         )
-        if filling or beyond is not None or outlines:
-            touched = retouched(*touched, self.silhouettes, camera, filling, outlines, beyond)
+        if filling or self.beyond is not None or outlines:
+            touched = retouched(*touched, self.silhouettes, camera, filling, outlines, self.beyond)
         return torch.from_numpy(touched[0]), torch.from_numpy(touched[1])
 
-    @property
-    def _beyond(self) -> float | None:
+    def _clipped_beyond(self) -> float | None:
         """Px outside the silhouettes from which on pictures are clipped; None: not at all."""
         if SILHOUETTE_CLIPPING not in self.facts:
             return None
-        return 0.0 if MASKS in self.facts else UNSURE * float(self.rig.size[self.usable].max())
+        if MASKS not in self.facts:
+            return UNSURE * float(self.rig.size[self.usable].max(initial=0))
+        return SPARED if self.share > 0 and softness(self.reader.masks(self.i).values()) > SOFT else 0.0
 
     def _body(self, silhouettes: Silhouettes | None) -> Body | None:
         """What closes gaps; None where no source view has a picture."""

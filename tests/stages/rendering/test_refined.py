@@ -1,12 +1,15 @@
 """A refined frame's picture: as without refinement, of the refined Gaussians alone, or between the two."""
 
+import cv2
 import numpy as np
 import pytest
 
 from posegaussian.stages.camera_paths.paths import make_path
-from posegaussian.stages.contract.facts import Facts
+from posegaussian.stages.contract.facts import MASKS, Facts
 from posegaussian.stages.gaussians.params import GaussiansParams
 from posegaussian.stages.registry import stage
+from posegaussian.stages.rendering import frame
+from posegaussian.stages.rendering.facts import SILHOUETTE_CLIPPING
 from posegaussian.stages.rendering.params import RenderingParams
 from posegaussian.stages.rendering.sources import OUTCOME, REFINED, REFINEMENT, unrefined_arrays
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
@@ -69,3 +72,25 @@ def test_the_share_goes_from_one_picture_to_the_other(person: PersonCapture, arr
         np.testing.assert_array_equal(none, plain[name][0])
         assert np.abs(whole - none).max() > 20, "the two differ"
         np.testing.assert_allclose(part, 0.25 * whole + 0.75 * none, atol=1)  # three roundings to whole numbers
+
+
+@pytest.mark.parametrize("width", [0.0, 3.0])
+def test_soft_mattes_take_nothing_within_them_off_refined_pictures(
+    person: PersonCapture, arrays: dict[str, np.ndarray], width: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As clipped by what the least of them leaves: exact masks, and pictures without refinement, stay."""
+    soft = arrays["frames/mask"].copy()
+    if width:
+        for matte in soft.reshape(-1, *soft.shape[2:]):
+            cv2.GaussianBlur(matte, (0, 0), width / 2.563, dst=matte)
+    given = {**arrays, "frames/mask": soft, "refinement/opacity": arrays["gaussians/opacity"]}
+    facts = (REFINEMENT, MASKS, SILHOUETTE_CLIPPING)
+    spared = render(person, given, *facts)[ALPHA]
+    monkeypatch.setattr(frame, "SPARED", 0.0)
+    clipped = render(person, given, *facts)[ALPHA]
+    assert (spared >= clipped).all()
+    np.testing.assert_array_equal(spared[0], clipped[0])
+    assert [(spared[i] > clipped[i]).any() for i in (1, 2)] == [width > 0] * 2
+    # nothing is left far beside the person
+    held_out = cv2.dilate(person.mask[0, person.views.held_out[0]], np.ones((9, 9), np.uint8))
+    assert not spared[1, 0][held_out == 0].any()
