@@ -12,7 +12,7 @@ from typing import Any
 
 from posegaussian.stages.contract.declaration import Asset
 from posegaussian.stages.geometry.turning import turned_pairs
-from posegaussian.stages.network.card import Card, WeightsError, read_card, shipped, to_choose_from
+from posegaussian.stages.network.card import Card, WeightsError, read_card, shipped
 from posegaussian.stages.network.choice import settled, widest_angle
 from posegaussian.stages.network.model.presets import Preset
 from posegaussian.stages.network.params import (
@@ -123,14 +123,14 @@ def _named(params: NetworkParams, name: str) -> NetworkParams:
 
 
 def _shipped_digest(params: NetworkParams) -> str:
-    return " ".join(f"{name} {weights_digest(_named(params, name))}" for name in to_choose_from())
+    return " ".join(f"{name} {weights_digest(_named(params, name))}" for name in shipped())
 
 
 def _shipped_networks(params: NetworkParams) -> dict[str, Any]:
-    return {name: network_of(_named(params, name)) for name in to_choose_from()}
+    return {name: network_of(_named(params, name)) for name in shipped()}
 
 
 TRAINED = Asset(NETWORK, weights_digest, network_of, settled)
 """The network with the weights that the settings name, or that `auto` comes to."""
 SHIPPED_NETWORKS = Asset("shipped_networks", _shipped_digest, _shipped_networks)
-"""{name: network} with every set of weights that `auto` chooses from."""
+"""{name: network} with every set of weights that ships."""

@@ -12,8 +12,6 @@ from posegaussian.storage.model.errors import UserError
 
 SHIPPED = Path(__file__).resolve().parent / "shipped"
 """Folder of the weights that come with the project, NAME.safetensors each."""
-COMPARED = SHIPPED / "compared"
-"""Folder of those that only comparisons use: something that the method needs was taken from them."""
 
 
 class WeightsError(UserError):
@@ -85,14 +83,5 @@ def must_exist(path: Path) -> None:
 
 
 def shipped() -> dict[str, Path]:
-    """Weights that come with the project, by name: those to choose from, then those to compare with."""
-    return {**to_choose_from(), **_weights_in(COMPARED)}
-
-
-def to_choose_from() -> dict[str, Path]:
-    """Those that `network.weights: auto` chooses from."""
-    return _weights_in(SHIPPED)
-
-
-def _weights_in(folder: Path) -> dict[str, Path]:
-    return {f.stem: f for f in sorted(folder.glob("*.safetensors"))}
+    """Weights that come with the project, by name."""
+    return {f.stem: f for f in sorted(SHIPPED.glob("*.safetensors"))}

@@ -11,12 +11,12 @@ from posegaussian.stages.contract.declaration import Choice, Evidence, Picked
 from posegaussian.stages.contract.facts import Facts, fact
 from posegaussian.stages.contract.judged import LEARNED, MATTES, cannot_judge, drawn_at, mean_scores
 from posegaussian.stages.geometry.subject import look_at_point
-from posegaussian.stages.network.card import read_card, shipped, to_choose_from
+from posegaussian.stages.network.card import read_card, shipped
 from posegaussian.stages.network.model.presets import TRAINED_ANGLE, Preset
 from posegaussian.stages.network.params import AUTO, NONE, NetworkParams
 from posegaussian.storage.model.cameras import Rig
 
-CANDIDATES = (NONE, *to_choose_from())
+CANDIDATES = (NONE, *shipped())
 """What `auto` chooses from; along `judge/network`."""
 PICKED = {name: fact("no_weights" if name == NONE else f"{name}_weights") for name in CANDIDATES}
 """{candidate: the fact that `auto` comes to it}."""
@@ -97,7 +97,7 @@ def widest_angle(params: NetworkParams) -> float:
     """Degrees between the views of the widest pairs that weights by these settings may look at; of a file of weights
     `TRAINED_ANGLE`."""
     names = CANDIDATES[1:] if params.weights == AUTO else (params.weights,)
-    return max((_preset(n).widest for n in names if n in shipped()), default=TRAINED_ANGLE)
+    return max((_preset(n).widest for n in names if n in CANDIDATES[1:]), default=TRAINED_ANGLE)
 
 
 @cache

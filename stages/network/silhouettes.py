@@ -17,7 +17,8 @@ from numba import njit
 from posegaussian.stages.geometry.projection import rays
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.network.inference import FURTHEST, Learned
-from posegaussian.stages.silhouettes.hull import Silhouettes, beside, into_views, searched_radius
+from posegaussian.stages.silhouettes.hull import Silhouettes, searched_radius
+from posegaussian.stages.silhouettes.march import beside, into_views
 from posegaussian.storage.model.cameras import Rig, points_from_integer_centres
 
 TOLERANCE = 1.5

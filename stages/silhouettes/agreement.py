@@ -15,16 +15,10 @@ import numpy as np
 from numba import njit
 
 from posegaussian.stages.geometry.projection import rays
-from posegaussian.stages.silhouettes.hull import (
-    MOST_POINTS,
-    WITNESSES,
-    Silhouettes,
-    beside,
-    foreground,
-    in_sphere,
-    into_views,
-)
+from posegaussian.stages.silhouettes.hull import Silhouettes
+from posegaussian.stages.silhouettes.march import MOST_POINTS, WITNESSES, beside, in_sphere, into_views
 from posegaussian.storage.model.cameras import Rig, points_from_integer_centres
+from posegaussian.storage.model.masks import foreground
 
 RAYS = 400
 """Rays of a view that are walked, about."""

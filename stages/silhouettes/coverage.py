@@ -10,10 +10,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from posegaussian.stages.silhouettes.hull import (
+from posegaussian.stages.silhouettes.hull import Silhouettes
+from posegaussian.stages.silhouettes.march import (
     MOST_POINTS,
     WITNESSES,
-    Silhouettes,
     beside,
     clip_ray,
     in_sphere,

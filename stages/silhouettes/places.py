@@ -20,18 +20,10 @@ from numba import njit
 from posegaussian.stages.geometry.projection import rays
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.silhouettes.agreement import agreement
-from posegaussian.stages.silhouettes.hull import (
-    MOST_POINTS,
-    OUTVOTED,
-    WITNESSES,
-    Silhouettes,
-    beside,
-    foreground,
-    in_sphere,
-    into_views,
-    searched_radius,
-)
+from posegaussian.stages.silhouettes.hull import OUTVOTED, Silhouettes, searched_radius
+from posegaussian.stages.silhouettes.march import MOST_POINTS, WITNESSES, beside, in_sphere, into_views
 from posegaussian.storage.model.cameras import Rig, points_from_integer_centres
+from posegaussian.storage.model.masks import foreground
 
 STRIDE = 5
 """Px from one foreground pixel that is asked to the next; every pixel of a rim is."""

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from posegaussian.stages.geometry.projection import rays
-from posegaussian.stages.silhouettes.hull import MOST_POINTS, into_views
+from posegaussian.stages.silhouettes.march import MOST_POINTS, into_views
 from posegaussian.storage.model.cameras import Rig, points_from_integer_centres, to_integer_centres
 from posegaussian.storage.model.joint_sets import COCO17
 from posegaussian.storage.model.masks import foreground
