@@ -75,7 +75,11 @@ class Scene:
                 drawn = gaussians.draw(self.cameras[v])
             color, alpha = drawn.color[0].numpy(), drawn.alpha[0].numpy()
             outlines = outlines_for(self.cameras[v], rig, self.silhouettes, masks)
-            yield v, retouched(color, alpha, self.silhouettes, self.cameras[v], True, outlines, 0.0)[0], color
+            yield (
+                v,
+                retouched(color, alpha, self.silhouettes, self.cameras[v], True, outlines, self.silhouettes)[0],
+                color,
+            )
 
 
 def optimised(

@@ -23,7 +23,7 @@ class Choice:
     """What was chosen, and what was not."""
 
     asked: str
-    """`budget 3.0 s a frame`, `quality 28 dB`."""
+    """`budget 3.0 s a frame`, `quality 28dB`."""
     chosen: Expected
     cheaper: Expected | None
     better: Expected | None
@@ -97,11 +97,11 @@ def good_enough(
     """The cheapest of the points that draws held-out cameras so well: as measured before where points say what they
     reach and the user set nothing else, else on a few frames of the largest sequence.
 
-    Raises ConfigError where none is so good, and where there is no held-out camera to measure by; RunFailed where a
-    probe fails.
+    Raises ConfigError where none is so good, UserError where there is nothing to measure by; RunFailed where a probe
+    fails.
     """
-    own = given(session.configuration)
-    known = all(p.reached is not None and not p.knobs & own for p in points)
+    own, contexts = given(session.configuration), [session.undecided(n, paths) for n in names]
+    known = all(p.reached is not None and values_of(p, contexts, own).keys() == p.knobs for p in points)
     near = _around(points, wanted) if known else points
     short: list[Expected] = []
     chosen = better = None
@@ -117,19 +117,21 @@ def good_enough(
             chosen = expected
             if not known:  # what is dearer takes longer to measure, too
                 break
+    if chosen is None and known:
+        raise ConfigError(f"--quality {wanted}: none of the settings that reach it can be run, see above")
     if chosen is None:
         raise _too_good(wanted, [e.reached for e in short if e.reached is not None])
     return Choice(f"quality {wanted}", chosen, short[-1] if short else None, better, frames)
 
 
 def _around(points: Sequence[Point], wanted: Decibels) -> Sequence[Point]:
-    """The first of points, cheapest first, that was measured to be so good, between its neighbours. Raises
-    ConfigError."""
+    """The first of points, cheapest first, that was measured to be so good, the one before it and all behind, which are
+    tried as far as one of them can be run. Raises ConfigError."""
     reached = [p.reached for p in points if p.reached is not None]
     first = next((i for i, psnr in enumerate(reached) if psnr >= wanted.psnr), None)
     if first is None:
         raise _too_good(wanted, reached)
-    return points[max(0, first - 1) : first + 2]
+    return points[max(0, first - 1) :]
 
 
 def _too_good(wanted: Decibels, reached: Sequence[float]) -> ConfigError:

@@ -41,8 +41,8 @@ class Expected:
     """By the clock."""
     reached: float | None = None
     """Mean box PSNR of held-out cameras, dB, where it was measured: on this capture, or by who made the point."""
-    compared: bool = False
-    """Whether it was measured on this capture, with all settings as they will be."""
+    compared: str | None = None
+    """What it was measured on, with all settings as they will be; None: on nothing of this capture."""
 
     def told(self, frames: int) -> str:
         """`preview (half size, ...): 12.0 s, 0.40 s a frame, -5.2 dB against the default on simulated people`."""
@@ -52,8 +52,8 @@ class Expected:
     @property
     def worth(self) -> str:
         """Its quality, in words."""
-        if self.compared:
-            return f"{self.reached:.2f} dB on held-out cameras"
+        if self.compared is not None:
+            return f"{self.reached:.2f} dB on held-out cameras of {self.compared}"
         if kept := sorted(self.point.knobs - self.values.keys()):
             return f"its quality with your own {', '.join(kept)} was not measured"
         return self.point.worth
@@ -80,9 +80,10 @@ class Trials:
         """Of all sequences."""
         chosen = [c for c in self.contexts if c.held_out] if compared else self.contexts
         if not chosen:
+            instead = "" if any(p.reached is not None for p in points) else ", or give a --front"
             raise ConfigError(
                 f"--quality: no camera of {', '.join(names)} is held out to measure by; keep some aside, for example"
-                f" --set 'views.held_out=[{self.contexts[0].capture.rig.names[-1]}]', or give a --front"
+                f" --set 'views.held_out=[{self.contexts[0].capture.rig.names[-1]}]'{instead}"
             )
         largest = max(chosen, key=_work)
         self.probe = Probe(largest, session.configuration.default.run.threads, compared)
@@ -107,7 +108,7 @@ class Trials:
             except ConfigError as e:
                 self.session.say([f"{point.name} is left out: {e}"])
                 continue
-            expected = Expected(point, values, took, reached, self.compared)
+            expected = Expected(point, values, took, reached, self.probe.told if self.compared else None)
             self.session.hint([expected.told(self.frames)])
             yield expected
 

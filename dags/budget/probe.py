@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from posegaussian.dags.config.settings import Settings, merge
+from posegaussian.dags.humanize.text import number
 from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.plan import Plan, make_plan
 from posegaussian.dags.planning.selection import Selection
@@ -19,7 +20,7 @@ from posegaussian.dags.planning.task_cost import load
 from posegaussian.dags.planning.variants import settled_variant
 from posegaussian.stages.registry import STAGES
 from posegaussian.storage.archive.deletion import delete_folder
-from posegaussian.storage.model.errors import ConfigError
+from posegaussian.storage.model.errors import UserError
 
 HELD_OUT = ("held_out",)
 """The path of held-out cameras."""
@@ -75,19 +76,25 @@ class Probe:
         return {s: seconds[s] / work[s] for s in seconds if work[s] and s not in plan.unneeded}
 
     def reached(self, values: Mapping[str, Any]) -> float:
-        """Mean box PSNR, dB, at the captured size, of the frames' held-out cameras as drawn under these {stage.key:
-        value}, whose `rates` were taken. Raises ConfigError where none of them has a picture of the subject."""
+        """Mean box PSNR, dB, at the size that the user set, of the frames' held-out cameras as drawn under these
+        {stage.key: value}, whose `rates` were taken. Raises UserError where none of them has a picture of the subject,
+        whatever is set."""
         from posegaussian.dags.diagnostics.held_out_quality import box_psnr
 
         drawn, filmed = self._variant(values), self._variant({k: v for k, v in values.items() if k != "frames.size"})
         names = [s.name for s in STAGES]
         self._run(filmed, Selection(only=frozenset(names[: names.index("frames") + 1])))
         if (psnr := box_psnr(drawn, filmed)) is None:
-            raise ConfigError(
+            raise UserError(
                 f"no held-out camera has a picture of the subject in frames {middle(self.context)} of"
                 f" {self.context.sequence.name}; hold out other cameras by views.held_out"
             )
         return psnr
+
+    @property
+    def told(self) -> str:
+        """What it runs: `walk, 4 frames`."""
+        return f"{self.context.sequence.name}, {number(min(FRAMES, len(self.context.source_frames)), 'frame')}"
 
     def _variant(self, values: Mapping[str, Any]) -> Context:
         different = {**values, "frames.range": middle(self.context)}

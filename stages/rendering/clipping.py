@@ -27,9 +27,10 @@ UNSURE = 0.003
 """How far estimated masks may end within the subject, over the longer side of a source picture: 3 px at 960. What lies
 farther beyond their hull is a stray piece; nearer to it clipping may take what a mask lacks (two simulated people in a
 room, six cameras: box PSNR -0.49 and +0.05 dB)."""
-SOFT = 1.5
-"""Px over which mattes rise (`posegaussian.stages.silhouettes.softness`) from which on they are unsure of outlines:
-exact masks have 0.5 to 0.7, mattes that are 2 px soft 1.7 to 2.1."""
+SOFT = (1.2, 1.6)
+"""Px over which mattes rise (`posegaussian.stages.silhouettes.softness`) up to which they say where an outline is, and
+from which on they are unsure: exact masks have 0.5 to 0.7, mattes that are 1.5 px soft 1.3 to 1.4, and 2 px 1.5 to
+2.1."""
 SPARED = 0.5
 """Px beyond soft given mattes from which on a refined picture is clipped. Within their outlines mattes leave only a
 part of a pixel, and the least of what many views leave is too little, where refined Gaussians already have the mattes'
@@ -72,6 +73,11 @@ def cover(
         np.ones(len(rows)) if enough is None else enough[rows, columns].astype(np.float64),
     )
     return out
+
+
+def beside(softness: float) -> float:
+    """Px beyond given mattes of that softness from which on a refined picture is clipped."""
+    return SPARED * min(max((softness - SOFT[0]) / (SOFT[1] - SOFT[0]), 0.0), 1.0)
 
 
 def _diagonal(intrinsics: np.ndarray) -> float:
@@ -153,14 +159,14 @@ def retouched(
     camera: Camera,
     fill: bool,
     outlines: Outlines | None,
-    beyond: float | None,
+    bounds: Silhouettes | None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Color [h, w, 3], premultiplied, and alpha [h, w] of a rendered picture with holes filled, then its outline evened
     like the `outlines` given, then clipped, as told; float32.
 
     The cover is asked for where it decides about something: within, as far as that is not opaque, and of what is drawn
-    at last whether it covers as much. `beyond`: px of source pictures outside the silhouettes from which on nothing is
-    left; None: nothing is clipped.
+    at last whether it covers as much. `bounds`: beyond these, the silhouettes or wider ones, nothing is left; None:
+    nothing is clipped.
     """
     longer = max(alpha.shape)
     radius = max(REACH, round(HOLE * longer))
@@ -176,8 +182,8 @@ def retouched(
         c, a = filled(c, a, where, covered, longer)
     if outlines is not None:
         c, a = outlines.evened(c, a)
-    if beyond is not None:
-        bounds, known = (silhouettes.wider(beyond), np.zeros_like(known)) if beyond else (silhouettes, known)
+    if bounds is not None:
+        known &= bounds is silhouettes
         near = cv2.dilate(drawn.astype(np.uint8), np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)) > 0
         c, a = clipped(c, a, np.where(known, covered, cover(bounds, camera, near & (a > 0) & ~known, a, corner)))
     for out, found in zip(whole, (c, a), strict=True):

@@ -12,7 +12,7 @@ from posegaussian.stages.contract.facts import MASKS
 from posegaussian.stages.contract.io import Inputs
 from posegaussian.stages.depth.algorithms.pose_prior import limbs_of
 from posegaussian.stages.geometry.subject import look_at_point
-from posegaussian.stages.rendering.clipping import SOFT, SPARED, UNSURE, cover, retouched
+from posegaussian.stages.rendering.clipping import UNSURE, beside, cover, retouched
 from posegaussian.stages.rendering.closing import Body, closed
 from posegaussian.stages.rendering.evening import outlines_for, part_around
 from posegaussian.stages.rendering.facts import (
@@ -116,7 +116,8 @@ class FrameRenderer:
         self.silhouettes = agreed(inputs.rig, reader.masks(i)) if self.retouches else None
         self.sureness = reader.sureness(i) if POSE_BLENDING in self.facts else None
         self.body = self._body(self.silhouettes) if SURFACE_CLOSING in self.facts else None
-        self.beyond = self._clipped_beyond()
+        self.bounds = self._bounds()
+        """What pictures are clipped to; None: to nothing."""
         self._lifted: dict[tuple[int, bool], Lifted] = {}
         self._refined: Gaussians | None = None
         self._photos: dict[int, Photo] = {}
@@ -173,17 +174,21 @@ class FrameRenderer:
             if OUTLINE_EVENING in self.facts
             else None
         )
-        if filling or self.beyond is not None or outlines:
-            touched = retouched(*touched, self.silhouettes, camera, filling, outlines, self.beyond)
+        if filling or self.bounds is not None or outlines:
+            touched = retouched(*touched, self.silhouettes, camera, filling, outlines, self.bounds)
         return torch.from_numpy(touched[0]), torch.from_numpy(touched[1])
 
-    def _clipped_beyond(self) -> float | None:
-        """Px outside the silhouettes from which on pictures are clipped; None: not at all."""
-        if SILHOUETTE_CLIPPING not in self.facts:
+    def _bounds(self) -> Silhouettes | None:
+        """The silhouettes, as much wider as their masks are unsure of outlines."""
+        if self.silhouettes is None or SILHOUETTE_CLIPPING not in self.facts:
             return None
         if MASKS not in self.facts:
-            return UNSURE * float(self.rig.size[self.usable].max(initial=0))
-        return SPARED if self.share > 0 and softness(self.reader.masks(self.i).values()) > SOFT else 0.0
+            return self.silhouettes.wider(UNSURE * float(self.rig.size[self.usable].max(initial=0)))
+        if self.share == 0:
+            return self.silhouettes
+        sizes = self.rig.size
+        spared = beside(softness(m[: sizes[v, 1], : sizes[v, 0]] for v, m in self.reader.masks(self.i).items()))
+        return self.silhouettes.wider(spared) if spared > 0 else self.silhouettes
 
     def _body(self, silhouettes: Silhouettes | None) -> Body | None:
         """What closes gaps; None where no source view has a picture."""

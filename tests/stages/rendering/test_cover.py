@@ -111,7 +111,7 @@ def test_clipping_with_a_margin_takes_what_lies_beyond_wider_masks_alone(fill: b
         for px in (0, margin - 1, margin + 1)
     )
     grey = np.repeat(everywhere[..., None], 3, axis=2) / 2
-    color, alpha = retouched(grey, everywhere, silhouettes, camera, fill, None, margin)
+    color, alpha = retouched(grey, everywhere, silhouettes, camera, fill, None, silhouettes.wider(margin))
     assert (alpha[exact] > 0.99).all()
     assert (alpha[inner] > 0.5).all(), "a disc of pixels and a distance differ by less than a px"
     assert (alpha[~outer] < 0.5).all()

@@ -8,7 +8,7 @@ from posegaussian.stages.camera_paths.paths import make_path
 from posegaussian.stages.contract.facts import MASKS, Facts
 from posegaussian.stages.gaussians.params import GaussiansParams
 from posegaussian.stages.registry import stage
-from posegaussian.stages.rendering import frame
+from posegaussian.stages.rendering import clipping
 from posegaussian.stages.rendering.facts import SILHOUETTE_CLIPPING
 from posegaussian.stages.rendering.params import RenderingParams
 from posegaussian.stages.rendering.sources import OUTCOME, REFINED, REFINEMENT, unrefined_arrays
@@ -86,7 +86,7 @@ def test_soft_mattes_take_nothing_within_them_off_refined_pictures(
     given = {**arrays, "frames/mask": soft, "refinement/opacity": arrays["gaussians/opacity"]}
     facts = (REFINEMENT, MASKS, SILHOUETTE_CLIPPING)
     spared = render(person, given, *facts)[ALPHA]
-    monkeypatch.setattr(frame, "SPARED", 0.0)
+    monkeypatch.setattr(clipping, "SPARED", 0.0)
     clipped = render(person, given, *facts)[ALPHA]
     assert (spared >= clipped).all()
     np.testing.assert_array_equal(spared[0], clipped[0])

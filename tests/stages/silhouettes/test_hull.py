@@ -10,6 +10,7 @@ from posegaussian.stages.geometry.projection import pixel_centres, rays, unproje
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.silhouettes.hull import Silhouettes, searched_radius
 from posegaussian.stages.silhouettes.hull import visual_hull as hull_of
+from posegaussian.stages.silhouettes.march import motion, stride
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
 from posegaussian.storage.model.cameras import Rig, points_from_integer_centres
 from tests.support.known_geometry import camera, on_ring, rig_of, ring, sphere_depth, sphere_mask
@@ -302,3 +303,53 @@ def longest(flags: np.ndarray) -> int:
     """Most True in a row."""
     edges = np.flatnonzero(np.diff(np.r_[False, flags, False]))
     return int(np.diff(edges)[::2].max(initial=0))
+
+
+def test_a_stride_moves_a_point_by_as_many_px_as_it_may() -> None:
+    """Forth and back, towards a view and away from it, or never as far."""
+    random, reached = np.random.default_rng(0), 0
+    for _ in range(400):
+        start, along = random.normal(size=(2, 1, 3)) * [300, 300, 1]
+        z, px, ahead = random.uniform(0.5, 5), random.uniform(0.1, 60), float(random.choice([-1, 1]))
+        moves = np.empty(1)
+        motion(start, along, moves)
+        here, w = _seen(start[0], along[0], z)
+        if w <= 0:
+            continue
+        found = stride(px, ahead, w, 0, along, moves)
+        assert found > 0
+        if np.isfinite(found):
+            there, beyond = _seen(start[0], along[0], z + ahead * found)
+            assert beyond > 0, "never past the camera"
+            assert np.linalg.norm(there - here) == pytest.approx(px, rel=1e-6)
+            reached += 1
+        else:
+            assert np.linalg.norm(_seen(start[0], along[0], z + ahead * 1e9)[0] - here) < px
+    assert reached > 100
+
+
+def _seen(start: np.ndarray, along: np.ndarray, z: float) -> tuple[np.ndarray, float]:
+    """Px of a ray's point at depth z, and how far in front of the view it is."""
+    x, y, w = start + z * along
+    return np.array([x, y]) / w, float(w)
+
+
+@pytest.mark.parametrize("view", [1, 4])
+def test_a_view_that_is_overruled_does_not_clip_the_ray(person: PersonCapture, view: int) -> None:
+    """One mask holds the feet alone, so that its box cuts off nearly every ray: by vote the body is there all the same,
+    where the others leave it."""
+    rig, masks = person.rig, {v: person.mask[0, v].copy() for v in range(8)}
+    rows = np.flatnonzero(masks[view].any(axis=1))
+    masks[view][: rows[-1] - 2] = 0
+    silhouettes = Silhouettes.of(rig, masks, np.zeros(3), searched_radius(rig, list(masks), np.zeros(3)))
+    pixels = np.argwhere(person.mask[0, 0] > 127)[::11, ::-1]
+    origin, directions = rays(points_from_integer_centres(pixels), rig.intrinsics[0], rig.world_to_camera[0])
+    voted = silhouettes._marched(origin, directions, [(0.0, 1)], 0, True)
+    others = silhouettes.kept({*range(1, 8)} - {view})
+    alone = others._marched(origin, directions, [(0.0, 0)], None, True)
+    both = (voted[:, 0] > 0) & (alone[:, 0] > 0)
+    assert both.mean() > 0.9
+    # one wrong vote may be spent on a view that is right: the hull is no smaller than the others', but for a step
+    step = silhouettes.pixel / np.linalg.norm(directions, axis=1)
+    assert (voted[both, 0] <= alone[both, 0] + step[both]).all()
+    assert (voted[both, 1] >= alone[both, 1] - step[both]).all()
