@@ -116,8 +116,11 @@ class DepthRefinement(nn.Module):
                 found.append(self._fine(disparity, self.update.weights(state), coding, start))
         with torch.autocast(state.device.type, enabled=False):
             trust = torch.sigmoid(self.confidence(state.to(exact(state.dtype))))
-        fine = _cut(upsample(torch.cat([self.factor * disparity, trust], dim=1), self.update.weights(state)), start)
-        return Refined([*found, coding.limit(fine[:, :1])], fine[:, 1:].clamp(0, 1), state)
+        # Apart: some processors multiply matrices of one and of two rows in another order, and the last step would
+        # differ from the same step of a longer walk.
+        weights = self.update.weights(state)
+        confidence = _cut(upsample(trust, weights), start).clamp(0, 1)
+        return Refined([*found, self._fine(disparity, weights, coding, start)], confidence, state)
 
     def _seen(
         self,
