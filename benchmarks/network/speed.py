@@ -3,10 +3,11 @@ module, and its gates.
 
     python -m benchmarks.network.speed [--presets fast base] [--threads 2] [--repeats 9] [--weights FILE.safetensors]
 
-`shipped`: as the stage runs it, bf16 layers over channels_last weights. `plain`: the same network in float32 with
-contiguous weights, eager. Both in turns in the same run; medians. These are what the gates are about, and show the
-network the whole of both pictures. `person`: the shipped way on the windows that the stage shows it, around the person.
-`outside` is what the stage does for such a pair beside the network: rectification before it, pulling back behind it.
+`shipped`: as the stage runs it here by default, bf16 or float32 layers over channels_last weights. `plain`: the same
+network in float32 with contiguous weights, eager. Both in turns in the same run; medians. These are what the gates are
+about, and show the network the whole of both pictures. `person`: the shipped way on the windows that the stage shows
+it, around the person. `outside` is what the stage does for such a pair beside the network: rectification before it,
+pulling back behind it.
 Weights are those that ship, else random ones, which take as long. EPE: of a simulated person, whose start is the true
 depth with a smooth error of 1 %; both ways must say the same.
 """
@@ -36,6 +37,7 @@ from posegaussian.stages.network.model.network import PoseGaussianNetwork, Predi
 from posegaussian.stages.network.model.pairs import PairViews, SourceView, rectified_pair, start_on
 from posegaussian.stages.network.model.pairs import windows as around
 from posegaussian.stages.network.model.presets import PRESETS
+from posegaussian.stages.network.precision import faster_in_bf16
 from posegaussian.stages.network.weights import load_weights
 from posegaussian.stages.pose.heatmaps import draw
 from posegaussian.stages.simulator.quality_scenes import benchmark_scene
@@ -132,7 +134,8 @@ def timed(preset: str, a: argparse.Namespace) -> tuple[dict[str, Any], list[tupl
     fast = network.to(memory_format=torch.channels_last)
     views = rectified_pair(pair, sources, windows, joints=network.joints)
     clock = Clock()
-    prediction = predict(fast, views, a.iterations, "bf16")
+    precision = "bf16" if faster_in_bf16() else "float32"
+    prediction = predict(fast, views, a.iterations, precision)
 
     def slow() -> Prediction:
         with torch.inference_mode():
@@ -141,7 +144,7 @@ def timed(preset: str, a: argparse.Namespace) -> tuple[dict[str, Any], list[tupl
     person = around(pair, (sources[0].depth > 0, sources[1].depth > 0), network.preset.stride)
     assert person is not None, "the scene shows somebody"
     seen = rectified_pair(pair, sources, person, joints=network.joints)
-    said = predict(fast, seen, a.iterations, "bf16")
+    said = predict(fast, seen, a.iterations, precision)
 
     def outside() -> None:
         found = rectified_pair(pair, sources, person, joints=network.joints)
@@ -149,9 +152,9 @@ def timed(preset: str, a: argparse.Namespace) -> tuple[dict[str, Any], list[tupl
             learned_of(pair, which, person[which], found, said, sources[which].depth)
 
     ways = {
-        "shipped ms": lambda: predict(fast, views, a.iterations, "bf16", clock),
+        "shipped ms": lambda: predict(fast, views, a.iterations, precision, clock),
         "plain ms": slow,
-        "person ms": lambda: predict(fast, seen, a.iterations, "bf16"),
+        "person ms": lambda: predict(fast, seen, a.iterations, precision),
         "outside ms": outside,
     }
     took = in_turns(ways, a.repeats)
@@ -161,6 +164,7 @@ def timed(preset: str, a: argparse.Namespace) -> tuple[dict[str, Any], list[tupl
     row: dict[str, Any] = {
         "preset": preset,
         "weights": "trained" if trained else "random",
+        "precision": precision,
         **took,
         "ratio": ratio,
         **modules,

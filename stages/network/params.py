@@ -47,7 +47,7 @@ class NetworkParams(Params):
     precision: Literal["auto", "bf16", "float32"] = setting(
         AUTO,
         "Of the layers; correlation, coordinates and what the heads say are float32 in both. auto: bf16 where the"
-        " processor that plans the run computes it natively, else float32, which is several times faster there.",
+        " processor that plans the run multiplies it faster than float32, else float32.",
         quality_levels=["bf16", "float32"],
     )
 

@@ -106,19 +106,26 @@ def test_a_named_answer_stands_and_auto_is_resolved_by_the_fact() -> None:
 
 
 @pytest.mark.parametrize(
-    ("features", "wanted"),
-    [({"avx512bf16": True}, "bf16"), ({"amx-bf16": True}, "bf16"), ({"avx512f": True, "avx512bf16": False}, "float32")],
+    ("processor", "features", "wanted"),
+    [
+        ("znver4", {"avx512bf16": True}, "bf16"),
+        ("sapphirerapids", {"avx512bf16": True, "amx-bf16": True}, "bf16"),
+        ("sapphirerapids", {"avx512bf16": True, "amx-bf16": False}, "float32"),
+        ("neoverse-v1", {"bf16": True}, "bf16"),
+        ("znver2", {"avx2": True, "avx512bf16": False}, "float32"),
+    ],
 )
 def test_precision_follows_the_processor(
-    monkeypatch: pytest.MonkeyPatch, features: dict[str, bool], wanted: precision.Precision
+    monkeypatch: pytest.MonkeyPatch, processor: str, features: dict[str, bool], wanted: precision.Precision
 ) -> None:
     import llvmlite.binding
 
     monkeypatch.setattr(llvmlite.binding, "get_host_cpu_features", lambda: features)
-    precision.native_bf16.cache_clear()
+    monkeypatch.setattr(llvmlite.binding, "get_host_cpu_name", lambda: processor)
+    precision.faster_in_bf16.cache_clear()
     assert precision.PRECISION.pick is not None
     found = precision.PRECISION.pick(evidence(8))
-    precision.native_bf16.cache_clear()
+    precision.faster_in_bf16.cache_clear()
     assert found is not None
     assert precision.precision_of(NetworkParams(), Facts(frozenset({found.fact})))[0] == wanted
     other: precision.Precision = "float32" if wanted == "bf16" else "bf16"
