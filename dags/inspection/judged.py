@@ -5,7 +5,7 @@ from __future__ import annotations
 from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.plan import decided
 from posegaussian.dags.planning.receipt_index import Book
-from posegaussian.stages.contract.judged import COLOR, DEPTH, EXPOSURE, MATTES, cannot_judge, drawn_at, mean_scores
+from posegaussian.stages.contract.judged import COLOR, DEPTH, EXPOSURE, MATTES, cannot_judge, drawn_at, mean_of_asked
 from posegaussian.stages.depth.methods.registry import BY_PICTURES
 from posegaussian.stages.depth.params import resolve_method
 from posegaussian.stages.frames.facts import EXPOSURE_MATCHING
@@ -28,7 +28,7 @@ def left_out_views(context: Context) -> str:
         DEPTH: BY_PICTURES.index(method) if method in BY_PICTURES else 0,
     }
     for array, candidate in chosen.items():
-        means = mean_scores(context.noted[array]) if array in context.noted else None
+        means = mean_of_asked(context.noted[array]) if array in context.noted else None
         if means is not None:
             return (
                 f"measured: left-out source views, drawn from the others by what a run chooses, have"

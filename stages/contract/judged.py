@@ -9,9 +9,9 @@ from posegaussian.stages.contract.facts import FEW_SOURCES, Facts, fact
 
 DEPTH, EXPOSURE, COLOR, LEARNED = "judge/depth", "judge/exposure", "judge/color", "judge/network"
 POSE = "judge/pose"
-"""[picture, candidate, measure] of the depth methods, the worst quality level first; without and with exposure gains;
-without and with colours blended by angle; without the network and with the weights that ship, by name; without and with
-views weighed by their joints."""
+"""[picture, candidate, measure] of the depth methods, the worst quality level first, as far as asked; without and with
+exposure gains; without and with colours blended by angle; without the network and with the weights that ship, by name;
+without and with views weighed by their joints."""
 SHARED_LIGHT = "judge/shared_light"
 """[V, V, point, 3] by how much cameras differ in brightness at points that both see."""
 MEASURES = ("psnr", "ssim", "coverage")
@@ -37,6 +37,17 @@ def mean_scores(scores: np.ndarray) -> np.ndarray | None:
     """[candidate, measure] means over the pictures [picture, candidate, measure] that were drawn; None without any."""
     drawn = scores[(scores != NONE).all(axis=(1, 2))]
     return drawn.mean(axis=0) if len(drawn) else None
+
+
+def mean_of_asked(scores: np.ndarray) -> np.ndarray | None:
+    """The same of candidates of which some were not asked: no picture was drawn by them, and their means are `NONE`."""
+    asked = (scores != NONE).any(axis=(0, 2))
+    means = mean_scores(scores[:, asked]) if asked.any() else None
+    if means is None:
+        return None
+    out = np.full(scores.shape[1:], NONE)
+    out[asked] = means
+    return out
 
 
 def cannot_judge(sources: int, cut_out: bool) -> str | None:

@@ -19,9 +19,11 @@ from posegaussian.stages.contract.judged import (
     NONE,
     POSE,
     SHARED_LIGHT,
+    mean_of_asked,
     mean_scores,
 )
 from posegaussian.stages.depth.choice import best_of as best_method
+from posegaussian.stages.depth.choice import tried as tried_methods
 from posegaussian.stages.depth.methods.registry import BY_PICTURES, METHODS
 from posegaussian.stages.depth.params import AUTO
 from posegaussian.stages.frames.exposures import SURFACE, points_of
@@ -70,17 +72,20 @@ def _compared(inputs: Inputs, params: JudgeParams, asked: list[str]) -> Iterator
     depth, views = inputs.settings["depth"], left_out(inputs.rig, inputs.views.sources, params.views)
     frames = frames_of(inputs, params.frames)
     filmed = frames.read("frames/color")
-    methods = BY_PICTURES if DEPTH in asked else BY_PICTURES[-1:] if depth.method == AUTO else (depth.method,)
+    methods: tuple[str, ...] = BY_PICTURES[-1:] if depth.method == AUTO else (depth.method,)
+    if DEPTH in asked:
+        methods = tried_methods(inputs.rig, inputs.views.sources)
     if any(METHODS[m].of_frame is None for m in methods):
         return  # depth that came with the capture lies in files that no frame here holds
     made = {m: with_gaussians(frames, depth, m, body_facts(inputs, m)) for m in methods}
     drawn = {m: scores(made[m], filmed, views, PLAIN) for m in methods}
     best = methods[0]
     if DEPTH in asked:
-        by_method = np.stack(list(drawn.values()), axis=1)
+        nothing = np.full_like(drawn[best], NONE)
+        by_method = np.stack([drawn.get(m, nothing) for m in BY_PICTURES], axis=1)
         yield DEPTH, by_method
-        means = mean_scores(by_method)
-        best = best if means is None else methods[best_method(means)]
+        means = mean_of_asked(by_method)
+        best = best if means is None else BY_PICTURES[best_method(means)]
     chosen, reached = made[best], drawn[best]
     if SHARED_LIGHT in inputs.facts:
         points, matched, after = _evened(inputs, chosen, reached, filmed, views)

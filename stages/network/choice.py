@@ -10,7 +10,7 @@ import numpy as np
 from posegaussian.stages.contract.declaration import Choice, Evidence, Picked
 from posegaussian.stages.contract.facts import Facts, fact
 from posegaussian.stages.contract.judged import LEARNED, MATTES, cannot_judge, drawn_at, mean_scores
-from posegaussian.stages.geometry.subject import look_at_point
+from posegaussian.stages.geometry.pairs import neighbour_angles
 from posegaussian.stages.network.card import read_card, shipped
 from posegaussian.stages.network.model.presets import TRAINED_ANGLE, Preset
 from posegaussian.stages.network.params import AUTO, NONE, NetworkParams
@@ -103,16 +103,6 @@ def widest_angle(params: NetworkParams) -> float:
 @cache
 def _preset(name: str) -> Preset:
     return Preset.from_json(read_card(shipped()[name]).network)
-
-
-def neighbour_angles(rig: Rig, sources: Sequence[int]) -> np.ndarray:
-    """[S] degrees from each source view to the one that stands nearest to it, at the point the cameras look at."""
-    rig = rig.subset(sources)
-    rays = rig.centres - look_at_point(rig)
-    rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
-    cosine = np.clip(rays @ rays.T, -1.0, 1.0)
-    np.fill_diagonal(cosine, -1.0)
-    return np.asarray(np.rad2deg(np.arccos(cosine.max(axis=1))))
 
 
 WEIGHTS = Choice("weights", weights_choice, by_pictures, pick, (LEARNED,), tuple(PICKED.values()))

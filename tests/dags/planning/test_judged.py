@@ -12,12 +12,13 @@ from posegaussian.dags.diagnostics.effects_table import effects_reasons
 from posegaussian.dags.planning.plan import State
 from posegaussian.dags.runtime.events import EffectsDecided, TaskDone
 from posegaussian.stages.contract.declaration import Decision, Picked
-from posegaussian.stages.contract.judged import DEPTH, EXPOSURE, GIVEN_MATTE, SHARED_LIGHT
-from posegaussian.stages.depth.choice import AHEAD, TIE, pick
+from posegaussian.stages.contract.judged import DEPTH, EXPOSURE, GIVEN_MATTE, NONE, SHARED_LIGHT
+from posegaussian.stages.depth.choice import AHEAD, TIE, pick, tried
 from posegaussian.stages.depth.methods.registry import BY_PICTURES, METHODS
 from posegaussian.stages.frames.effects import EXPOSURE_MATCHING
 from posegaussian.stages.frames.exposures import SURFACE
 from posegaussian.stages.imaging.exposure import NONE as UNSEEN
+from posegaussian.stages.simulator.subjects.capsule_person import capture_person
 from posegaussian.storage.archive.receipts import scan_receipts, write_receipt
 from posegaussian.storage.archive.store import Archive
 from tests.support.pipeline import NAME, Pipeline, film
@@ -114,12 +115,25 @@ def test_a_surface_that_compares_no_pictures_must_lead_by_far_and_the_reason_say
     assert "leads" not in _picked(judged[0], _drawn(hull=20 - TIE - 0.01)).reason
 
 
+@pytest.mark.parametrize(("views", "wide"), [(4, True), (6, True), (8, False), (16, False)])
+def test_sgbm_is_asked_only_where_cameras_stand_far_apart(
+    judged: tuple[Pipeline, list], views: int, wide: bool
+) -> None:
+    rig = capture_person(views=views, size=16, frames=1, held_out=0).rig
+    assert tried(rig, range(views)) == (BY_PICTURES if wide else tuple(m for m in BY_PICTURES if m != "sgbm"))
+    psnr = _drawn() if wide else _drawn(sgbm=NONE)
+    picked = _picked(judged[0], psnr)
+    assert picked.fact == "sweep_depth"
+    assert ("sgbm" in picked.reason) == wide
+
+
 def _picked(p: Pipeline, psnr: np.ndarray) -> Picked:
     """What is picked where all pictures have the `psnr` [method]."""
     evidence = p.plan().context.evidence("depth")
     assert GIVEN_MATTE in evidence.facts
     scores = np.full((4, 3, 3), 0.9)
     scores[:, :, 0] = psnr
+    scores[:, psnr == NONE] = NONE
     picked = pick(replace(evidence, noted={DEPTH: scores}))
     assert picked is not None
     return picked

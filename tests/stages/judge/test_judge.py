@@ -10,7 +10,7 @@ import pytest
 
 from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.contract.io import TaskScope, Views
-from posegaussian.stages.contract.judged import NONE, cannot_judge, mean_scores
+from posegaussian.stages.contract.judged import NONE, cannot_judge, mean_of_asked, mean_scores
 from posegaussian.stages.depth.params import DepthParams
 from posegaussian.stages.imaging.color import gain_table
 from posegaussian.stages.judge.drawing import score, scores, with_gaussians
@@ -113,6 +113,18 @@ def test_only_what_was_drawn_counts() -> None:
     assert cannot_judge(2, True) is not None
     assert cannot_judge(3, False) is not None
     assert cannot_judge(3, True) is None
+
+
+def test_a_candidate_that_was_not_asked_takes_no_picture_from_the_others() -> None:
+    asked = np.random.default_rng(0).uniform(10, 30, (4, 2, 3))
+    asked[3, 1] = NONE
+    every = np.insert(asked, 1, NONE, axis=1)
+    means, alone = mean_of_asked(every), mean_scores(asked)
+    assert means is not None
+    assert alone is not None
+    np.testing.assert_array_equal(means[[0, 2]], alone)
+    assert (means[1] == NONE).all()
+    assert mean_of_asked(np.full((4, 3, 3), NONE)) is None
 
 
 def test_a_view_without_a_picture_is_not_drawn_and_draws_nothing() -> None:
