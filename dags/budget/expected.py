@@ -8,6 +8,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from posegaussian.dags.budget.clock import Tasks, clock
 from posegaussian.dags.budget.points import POINTS, Point
 from posegaussian.dags.budget.probe import Probe, with_values
 from posegaussian.dags.config.faults import dotted, faults_of
@@ -23,10 +24,8 @@ from posegaussian.stages.depth.methods.registry import BY_PICTURES
 from posegaussian.stages.depth.params import DepthParams, method_choice
 from posegaussian.storage.model.errors import ConfigError
 
-START = 8.0
+START = 6.0
 """Seconds until the workers of a run have started, and until its page is written."""
-SHARED = 0.9
-"""What one of several workers does in the time in which one alone does 1."""
 EVERYTHING = Selection()
 
 
@@ -161,25 +160,22 @@ def seconds(
     selection: Selection = EVERYTHING,
 ) -> float:
     """By the clock, of a run of all that is not fresh: `rates` are seconds per unit of work by stage, one task at a
-    time. Tasks of a whole sequence run alone; the others share the workers."""
-    alone, shared, partitions = 0.0, 0.0, 0
+    time."""
+    found = []
     for context in contexts:
         own = make_context(
             context.sequence,
             with_values(context.settings, values),
             context.path_texts if context.asked_for else (),
         )
-        loads = Loads(own)
+        loads, tasks = Loads(own), Tasks()
         for verdict in make_plan(own, selection).verdicts.values():
             task = verdict.task
             if verdict.state in READY or task.stage not in rates:
                 continue
-            took = rates[task.stage] * loads(task).work
-            alone, shared = (alone, shared + took) if task.partition is not None else (alone + took, shared)
-        partitions += len(own.grid.partitions)
-    workers = local_pools(contexts[0].settings.run)[CPU].workers
-    rounds = -(-partitions // workers) / partitions
-    return START + alone + shared * rounds / (SHARED if min(workers, partitions) > 1 else 1)
+            tasks.add(task, rates[task.stage] * loads(task).work)
+        found.append(tasks)
+    return START + clock(found, local_pools(contexts[0].settings.run)[CPU].workers)
 
 
 def _work(context: Context) -> int:
