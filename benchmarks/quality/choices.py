@@ -27,7 +27,7 @@ from benchmarks.quality.views import seeds
 from benchmarks.report import publish
 from posegaussian.dags.planning.context import Context
 from posegaussian.dags.simulation.simulated_run import run_capture
-from posegaussian.stages.contract.judged import DEPTH, LEARNED, mean_of_asked
+from posegaussian.stages.contract.judged import DEPTH, LEARNED, NONE, mean_of_asked
 from posegaussian.stages.depth.methods.registry import BY_PICTURES
 from posegaussian.stages.depth.params import resolve_method
 from posegaussian.stages.network.choice import CANDIDATES, weights_choice
@@ -69,6 +69,7 @@ def row_of(choice: Judged, cell: Cell, settings: tuple[str, ...]) -> dict[str, A
         chosen = choice.chosen(context)
         noted = mean_of_asked(context.noted[choice.array]) if choice.array in context.noted else None
         measured = np.full(len(choice.candidates), np.nan) if noted is None else noted[:, 0]
+        measured = np.where(measured == NONE, np.nan, measured)
         reached = {}
         for candidate in choice.candidates:
             results, _ = run_capture(folder, (*settings, f"{choice.setting}={candidate}"))

@@ -16,11 +16,13 @@ class Tasks:
     """Seconds of a sequence's tasks, each done alone."""
 
     by_view: list[float] = field(default_factory=list)
-    """Of the whole sequence, a task a view; they come first, in any order."""
+    """Of the whole sequence, a task a view; they come first."""
     whole: float = 0.0
-    """Of the whole sequence, one after the other, then."""
+    """Of the whole sequence, one after the other; taken to be done before any partition, though `tracks` waits for
+    some."""
     partitions: dict[int, float] = field(default_factory=dict)
-    """{partition: of its tasks together, one after the other}; partitions come last, in their order."""
+    """{partition: of its tasks together, one after the other, though views and paths of one may be shared}; they come
+    last, in their order."""
 
     def add(self, task: Task, seconds: float) -> None:
         """One more task."""
@@ -33,23 +35,22 @@ class Tasks:
 
 
 def clock(sequences: Sequence[Tasks], workers: int) -> float:
-    """Seconds until the last task is done, each job on the worker that is free first: several sequences are begun
-    together, and workers do what nothing earlier of its sequence is missing for."""
-    free = [0.0] * workers
-    jobs = max((len(s.by_view) for s in sequences), default=0), sum(len(s.partitions) for s in sequences)
+    """Seconds until the last task is done. The worker that is free first takes the job that can begin first: views of a
+    sequence, when all are done what is asked of the whole of it, then its partitions."""
+    phases = [[list(s.by_view), [s.whole], [s.partitions[p] for p in sorted(s.partitions)]] for s in sequences]
+    jobs = [sum(len(of[n]) for of in phases) for n in range(3)]
     slower = [1 / SHARED if min(workers, n) > 1 else 1.0 for n in jobs]
-
-    def done(seconds: float, begin: float) -> float:
-        """When a job is done that can begin then."""
+    free, begin, end = [0.0] * workers, [0.0] * len(phases), [0.0] * len(phases)
+    phase = [0] * len(phases)
+    while True:
+        for i, of in enumerate(phases):
+            while phase[i] < 3 and not of[phase[i]]:
+                phase[i], begin[i] = phase[i] + 1, end[i]
+        left = [i for i in range(len(phases)) if phase[i] < 3]
+        if not left:
+            return max(free)
         worker = free.index(min(free))
-        free[worker] = max(free[worker], begin) + seconds
-        return free[worker]
-
-    ready = []
-    for s in sequences:
-        looked = max([done(slower[0] * took, 0.0) for took in s.by_view], default=0.0)
-        ready.append(done(s.whole, looked) if s.whole else looked)
-    for s, begin in zip(sequences, ready, strict=True):
-        for partition in sorted(s.partitions):
-            done(slower[1] * s.partitions[partition], begin)
-    return max(free)
+        i = min(left, key=lambda i: max(begin[i], free[worker]))
+        took = slower[phase[i]] * phases[i][phase[i]].pop(0)
+        free[worker] = max(begin[i], free[worker]) + took
+        end[i] = max(end[i], free[worker])

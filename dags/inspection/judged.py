@@ -5,7 +5,16 @@ from __future__ import annotations
 from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.plan import decided
 from posegaussian.dags.planning.receipt_index import Book
-from posegaussian.stages.contract.judged import COLOR, DEPTH, EXPOSURE, MATTES, cannot_judge, drawn_at, mean_of_asked
+from posegaussian.stages.contract.judged import (
+    COLOR,
+    DEPTH,
+    EXPOSURE,
+    MATTES,
+    NONE,
+    cannot_judge,
+    drawn_at,
+    mean_of_asked,
+)
 from posegaussian.stages.depth.methods.registry import BY_PICTURES
 from posegaussian.stages.depth.params import resolve_method
 from posegaussian.stages.frames.facts import EXPOSURE_MATCHING
@@ -29,7 +38,7 @@ def left_out_views(context: Context) -> str:
     }
     for array, candidate in chosen.items():
         means = mean_of_asked(context.noted[array]) if array in context.noted else None
-        if means is not None:
+        if means is not None and means[candidate, 0] != NONE:
             return (
                 f"measured: left-out source views, drawn from the others by what a run chooses, have"
                 f" {drawn_at(means, candidate)} and cover {means[candidate, 2]:.0%} of the subject"

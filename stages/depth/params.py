@@ -22,7 +22,8 @@ class DepthParams(Params):
         AUTO,
         "; ".join(f"{m.name}: {m.sentence}" for m in METHODS.values())
         + f"; {AUTO}: given, else relief for a single source view, else what draws left-out source views best of"
-        f" {', '.join(BY_PICTURES)}; sweep where none can be left out.",
+        f" {', '.join(BY_PICTURES)} (sgbm is asked where cameras stand far apart alone); sweep where none can be left"
+        " out.",
         quality_levels=list(BY_PICTURES),
     )
     pairs: int = setting(2, "Neighbouring views each view is compared with.", quality_levels=[1, 2], ge=1, le=4)

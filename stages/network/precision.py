@@ -18,7 +18,8 @@ Precision = Literal["bf16", "float32"]
 PICKED: dict[Precision, str] = {"bf16": fact("bf16_layers"), "float32": fact("float32_layers")}
 """{precision: the fact that `auto` comes to it}."""
 MATRICES = ("amx-bf16", "bf16")
-"""Features of a processor, as LLVM calls them, with which bf16 is the faster: Intel's matrix unit, ARM's bf16."""
+"""Features of a processor, as LLVM calls them, with which bf16 is taken to be the faster, unmeasured: Intel's matrix
+unit, ARM's bf16."""
 VECTORS, TWICE = "avx512bf16", "znver"
 """Vectors of bf16 products, and the processors whose vectors do twice as many of them as of float32 ones, by what is
 published of their instructions. Intel's do as many: the network takes 1.2 times as long in bf16 as in float32 on an

@@ -57,6 +57,11 @@ def test_tasks_of_a_partition_are_one_job_and_those_of_the_whole_sequence_come_f
     assert found == Tasks([2.0, 3.0], 5.0, {0: 8.0, 1: 4.0})
 
 
-def test_of_two_sequences_one_is_judged_while_the_other_is() -> None:
-    one = Tasks([], 10.0, {0: 5.0})
-    assert clock([one, one], 2) == pytest.approx(10 + 5 / SHARED)
+def test_sequences_are_worked_on_side_by_side_and_slow_each_other_down() -> None:
+    one = Tasks([10.0], 10.0, {0: 5.0})
+    assert clock([one, one], 2) == pytest.approx(25 / SHARED)
+    assert clock([one] * 4, 4) == pytest.approx(25 / SHARED)
+
+
+def test_partitions_are_done_in_their_order() -> None:
+    assert clock([Tasks(partitions={2: 30.0, 0: 10.0, 1: 10.0})], 2) == pytest.approx(40 / SHARED)

@@ -10,6 +10,7 @@ import pytest
 
 from posegaussian.dags.diagnostics.effects_table import effects_reasons
 from posegaussian.dags.planning.plan import State
+from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.runtime.events import EffectsDecided, TaskDone
 from posegaussian.stages.contract.declaration import Decision, Picked
 from posegaussian.stages.contract.judged import DEPTH, EXPOSURE, GIVEN_MATTE, NONE, SHARED_LIGHT
@@ -81,6 +82,8 @@ def test_where_nothing_can_be_judged_the_choice_falls_back_and_says_why(tmp_path
     assert "judge" in plan.unneeded
 
 
+NEAR = tuple(m for m in BY_PICTURES if m != "sgbm")
+"""What left-out views are drawn by where cameras stand near each other."""
 MATCHING = sorted((m for m in BY_PICTURES if METHODS[m].matches), key=lambda m: METHODS[m].seconds)
 """The cheapest first."""
 
@@ -116,15 +119,29 @@ def test_a_surface_that_compares_no_pictures_must_lead_by_far_and_the_reason_say
 
 
 @pytest.mark.parametrize(("views", "wide"), [(4, True), (6, True), (8, False), (16, False)])
-def test_sgbm_is_asked_only_where_cameras_stand_far_apart(
-    judged: tuple[Pipeline, list], views: int, wide: bool
-) -> None:
+def test_sgbm_is_asked_only_where_cameras_stand_far_apart(views: int, wide: bool) -> None:
     rig = capture_person(views=views, size=16, frames=1, held_out=0).rig
-    assert tried(rig, range(views)) == (BY_PICTURES if wide else tuple(m for m in BY_PICTURES if m != "sgbm"))
-    psnr = _drawn() if wide else _drawn(sgbm=NONE)
-    picked = _picked(judged[0], psnr)
+    assert tried(rig, range(views)) == (BY_PICTURES if wide else NEAR)
+    assert tried(rig, range(0, views, 2)) == (NEAR if views == 16 else BY_PICTURES), "of the sources alone"
+    if views == 8:
+        assert tried(rig, [0, 1, 2, 3, 5]) == BY_PICTURES, "one camera stands aside"
+
+
+def test_a_method_that_was_not_asked_is_neither_picked_nor_named(judged: tuple[Pipeline, list]) -> None:
+    picked = _picked(judged[0], _drawn(sgbm=NONE))
     assert picked.fact == "sweep_depth"
-    assert ("sgbm" in picked.reason) == wide
+    assert "sgbm" not in picked.reason
+
+
+def test_where_cameras_stand_near_the_judge_draws_nothing_by_sgbm(tmp_path: Path) -> None:
+    film(tmp_path / "capture", views=8, frames=1, held_out=0, depth=False)
+    settings = ["depth.method=auto", "judge.views=2", "judge.frames=1", "network.weights=none", "refinement.steps=0"]
+    p = Pipeline(tmp_path / "archive", tmp_path / "capture", settings, held_out="[]")
+    p.register()
+    p.run(selection=Selection(only=frozenset({"survey", "judge"})))
+    scores = p.plan().context.noted[DEPTH]
+    asked = (scores != NONE).any(axis=(0, 2))
+    assert [m for m, there in zip(BY_PICTURES, asked, strict=True) if there] == list(NEAR)
 
 
 def _picked(p: Pipeline, psnr: np.ndarray) -> Picked:
