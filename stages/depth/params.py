@@ -22,7 +22,7 @@ class DepthParams(Params):
         AUTO,
         "; ".join(f"{m.name}: {m.sentence}" for m in METHODS.values())
         + f"; {AUTO}: given, else relief for a single source view, else what draws left-out source views best of"
-        f" {', '.join(BY_PICTURES)} (sgbm is asked where cameras stand far apart alone); sweep where none can be left"
+        f" {', '.join(BY_PICTURES)} (sgbm only where cameras are few or far apart); sweep where none can be left"
         " out.",
         quality_levels=list(BY_PICTURES),
     )

@@ -69,14 +69,15 @@ def angle_at(subject: np.ndarray, first: np.ndarray, second: np.ndarray) -> floa
     return angle_between(first - subject, second - subject)
 
 
-def neighbour_angles(rig: Rig, sources: Sequence[int]) -> np.ndarray:
-    """[S] degrees from each source view to the one that stands nearest to it, at the point the cameras look at."""
+def neighbour_angles(rig: Rig, sources: Sequence[int], nth: int = 1) -> np.ndarray:
+    """[S] degrees from each of more than `nth` source views to the one that stands nearest to it, or `nth` nearest, at
+    the point the cameras look at."""
     rig = rig.subset(sources)
     rays = rig.centres - look_at_point(rig)
     rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)
     cosine = np.clip(rays @ rays.T, -1.0, 1.0)
     np.fill_diagonal(cosine, -1.0)
-    return np.asarray(np.rad2deg(np.arccos(cosine.max(axis=1))))
+    return np.asarray(np.rad2deg(np.arccos(np.sort(cosine, axis=1)[:, -nth])))
 
 
 def classify(
