@@ -1,7 +1,8 @@
-"""What a picture takes in the rendering stage: CPU seconds of simulated people, eight source views, two held-out
-pictures a frame, everything as it is set by default, so that a refined frame is drawn twice.
+"""What a picture takes in the rendering stage: CPU seconds of simulated people, two held-out pictures a frame,
+everything as it is set by default, so that a refined frame is drawn twice.
 
-    python -m benchmarks.pipeline.picture_time [--seeds 1 2 3] [--size 512] [--frames 3] [--repeats 5] [--set KEY=VALUE]
+    python -m benchmarks.pipeline.picture_time [--seeds 1 2 3] [--cameras 8] [--size 512] [--frames 3] [--repeats 5]
+        [--set KEY=VALUE]
 
 The stage is run again and again on one thread, reading and writing included; the first time counts nothing, the median
 of the others does. Two versions of the code are compared by running them in turns, on a machine that does nothing else.
@@ -36,6 +37,7 @@ def row(cell: Cell, repeats: int, settings: tuple[str, ...]) -> dict[str, Any]:
     return {
         "seed": cell.seed,
         "motion": motion,
+        "cameras": cell.cameras,
         "size": cell.size,
         "pictures": pictures,
         "ms a picture": 1000 * float(np.median(again[1:])) / pictures,
@@ -47,6 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Print a table, and keep it."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0])
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
+    parser.add_argument("--cameras", type=int, default=8)
     parser.add_argument("--size", type=int, default=512, help="px")
     parser.add_argument("--frames", type=int, default=3)
     parser.add_argument("--repeats", type=int, default=5)
@@ -55,7 +58,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     limit(1)
     publish(
         "picture_time",
-        [row(Cell(s, 8, size=given.size, frames=given.frames), given.repeats, tuple(given.set)) for s in given.seeds],
+        [
+            row(Cell(s, given.cameras, size=given.size, frames=given.frames), given.repeats, tuple(given.set))
+            for s in given.seeds
+        ],
         {k: v for k, v in vars(given).items() if k != "set"} | {"set": " ".join(given.set)},
     )
 

@@ -26,6 +26,7 @@ from numba import njit
 from posegaussian.stages.depth.algorithms.pose_prior import MARGIN
 from posegaussian.stages.geometry.consistency import SAME_SURFACE
 from posegaussian.stages.geometry.projection import rays
+from posegaussian.stages.rendering.clipping import cover
 from posegaussian.stages.silhouettes.hull import Silhouettes
 from posegaussian.stages.splatting.definition.scene import Camera
 from posegaussian.storage.model.cameras import Rig, points_from_integer_centres
@@ -35,6 +36,8 @@ GAP = 0.006
 as much."""
 THIN = 6.0
 """Px of the sharpest view that the body behind a gap is thick, at least, along the picture's ray."""
+RIM = 2
+"""Px around a gap that are closed with it: the soft edge of what is drawn there."""
 SAMPLES = 96
 """Points of a ray between where it enters and leaves the hull: 1 to 2 cm of a body."""
 OPAQUE = 0.98
@@ -88,19 +91,20 @@ class Body:
         )
 
 
-def closed(
-    color: np.ndarray, alpha: np.ndarray, body: Body, camera: Camera, covered: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def closed(color: np.ndarray, alpha: np.ndarray, body: Body, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """Color [h, w, 3], premultiplied, and alpha [h, w] of a picture with the body behind its gaps; float32.
 
-    `covered` [h, w] is the share of each pixel that the hull covers: what is added never exceeds it. Without limbs or
-    silhouettes the picture is returned as it is.
+    What is added never exceeds the share of a pixel that the hull covers. Without limbs or silhouettes the picture is
+    returned as it is.
     """
-    rows, columns = np.nonzero((covered > 0) & (alpha < OPAQUE))
-    if not len(body.limbs) or not body.silhouettes.views or not len(rows):
+    if not len(body.limbs) or not body.silhouettes.views:
         return color, alpha
-    pixels = points_from_integer_centres(np.stack([columns, rows], axis=-1))
-    origin, directions = rays(pixels, np.asarray(camera.intrinsics), np.asarray(camera.world_to_camera))
+    wanted = _of_limbs(_around_gaps(alpha, body, camera) & (alpha < OPAQUE), body.limbs, camera)
+    covered = cover(body.silhouettes, camera, wanted)
+    rows, columns = np.nonzero(wanted & (covered > 0))
+    if not len(rows):
+        return color, alpha
+    origin, directions = _rays_of(rows, columns, camera)
     found = _behind(
         origin,
         directions,
@@ -121,19 +125,98 @@ def closed(
     return (color + added[..., None] * behind).astype(np.float32), (alpha + added).astype(np.float32)
 
 
+def _radius(alpha: np.ndarray) -> int:
+    """Px: of the narrowest gap in a picture."""
+    return max(1, round(GAP * max(alpha.shape)))
+
+
 def _gaps(there: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     """[h, w] bool: what is missing of the body `there` [h, w], but for strips narrower than twice `GAP`."""
-    side = 2 * max(1, round(GAP * max(alpha.shape))) + 1
+    side = 2 * _radius(alpha) + 1
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
     missing = ((there > 0.5) & (alpha < 0.5)).astype(np.uint8)
     wide = cv2.morphologyEx(missing, cv2.MORPH_OPEN, disc)
-    return np.asarray(cv2.dilate(wide, np.ones((5, 5), np.uint8)) > 0)  # with the soft edge of what is around
+    return np.asarray(cv2.dilate(wide, _square(RIM)) > 0)
+
+
+def _around_gaps(alpha: np.ndarray, body: Body, camera: Camera) -> np.ndarray:
+    """[h, w] bool: where `_gaps` can be, all of it and some pixels around.
+
+    A gap is made of discs that are missing as a whole, and each holds a pixel of a grid as wide as its radius: only of
+    the grid's pixels the hull is asked everywhere.
+    """
+    radius = _radius(alpha)
+    empty = np.zeros(alpha.shape, bool)
+    empty[::radius, ::radius] = alpha[::radius, ::radius] < 0.5
+    empty = _of_limbs(empty, body.limbs, camera)
+    missing = empty & (cover(body.silhouettes, camera, empty) > 0.5)
+    return np.asarray(cv2.dilate(missing.astype(np.uint8), _square(2 * radius + RIM)) > 0)
+
+
+def _of_limbs(wanted: np.ndarray, limbs: np.ndarray, camera: Camera) -> np.ndarray:
+    """[h, w] bool: which of the wanted pixels' rays meet the flesh of a limb."""
+    rows, columns = np.nonzero(wanted)
+    out = np.zeros(wanted.shape, bool)
+    out[rows, columns] = _meeting(*_rays_of(rows, columns, camera), limbs)
+    return out
+
+
+def _rays_of(rows: np.ndarray, columns: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """The camera's centre [3] and the directions [N, 3] of pixels."""
+    pixels = points_from_integer_centres(np.stack([columns, rows], axis=-1))
+    return rays(pixels, np.asarray(camera.intrinsics), np.asarray(camera.world_to_camera))
+
+
+def _square(reach: int) -> np.ndarray:
+    """What lies within `reach` px of a pixel along rows and columns."""
+    return np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
 
 
 @njit(cache=True, nogil=True)
-def _in_limb(point: np.ndarray, limbs: np.ndarray) -> bool:
-    """Whether a point lies within the flesh of a capsule."""
+def _meeting(origin: np.ndarray, directions: np.ndarray, limbs: np.ndarray) -> np.ndarray:
+    """[N] bool: which rays [N, 3] meet the flesh of a capsule."""
+    met, near = np.zeros(len(directions), np.bool_), np.empty(len(limbs), np.int64)
+    for n in range(len(directions)):
+        met[n] = _limbs_near(origin, directions[n], limbs, near) > 0
+    return met
+
+
+@njit(cache=True, nogil=True)
+def _limbs_near(origin: np.ndarray, d: np.ndarray, limbs: np.ndarray, near: np.ndarray) -> int:
+    """How many limbs have flesh on the line of a ray; the first of `near` [L] are filled with their indices.
+
+    Seen along the ray, at right angles to it, a capsule is a line of `start + s step`, 0 <= s <= 1, and the ray a point
+    at 0.
+    """
+    count, square = 0, d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
     for n in range(len(limbs)):
+        from_ray, along = 0.0, 0.0
+        for i in range(3):
+            from_ray += (limbs[n, i] - origin[i]) * d[i] / square
+            along += (limbs[n, 3 + i] - limbs[n, i]) * d[i] / square
+        steps, back = 0.0, 0.0
+        for i in range(3):
+            start = limbs[n, i] - origin[i] - from_ray * d[i]
+            step = limbs[n, 3 + i] - limbs[n, i] - along * d[i]
+            steps += step * step
+            back -= start * step
+        s = min(max(back / max(steps, 1e-12), 0.0), 1.0)
+        off = 0.0
+        for i in range(3):
+            start = limbs[n, i] - origin[i] - from_ray * d[i]
+            step = limbs[n, 3 + i] - limbs[n, i] - along * d[i]
+            off += (start + s * step) ** 2
+        radius = limbs[n, 6] - MARGIN
+        if off <= radius * radius * (1 + 1e-9):  # a point within is never missed for how sums are rounded
+            near[count] = n
+            count += 1
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _in_limb(point: np.ndarray, limbs: np.ndarray, near: np.ndarray) -> bool:
+    """Whether a point lies within the flesh of one of the capsules `near`."""
+    for n in near:
         a, b, radius = limbs[n, :3], limbs[n, 3:6], limbs[n, 6] - MARGIN
         length, along = 0.0, 0.0
         for i in range(3):
@@ -180,19 +263,20 @@ def _behind(
     """[N, 3] float32 sRGB 0..1 of the body's first point on each ray [N, 3], -1 where there is none; `ends` [N, 2] is
     the hull's part of the ray, `thickness` metres."""
     out = np.full((len(directions), 3), -1.0, np.float32)
-    point, seen = np.empty(3), np.empty(3)
+    point, seen, near = np.empty(3), np.empty(3), np.empty(len(limbs), np.int64)
     for n in range(len(directions)):
         first, last = ends[n]
         if first <= 0:
             continue
         d = directions[n]
+        there = near[: _limbs_near(origin, d, limbs, near)]
         step = (last - first) / (SAMPLES - 1)
         metres = step * np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
         run = 0
         for k in range(SAMPLES):
             for i in range(3):
                 point[i] = origin[i] + (first + k * step) * d[i]
-            if _solid(point, limbs, depth, projections):
+            if _solid(point, limbs, there, depth, projections):
                 if run == 0:
                     seen[:] = point
                 run += 1
@@ -205,9 +289,9 @@ def _behind(
 
 
 @njit(cache=True, nogil=True)
-def _solid(point: np.ndarray, limbs: np.ndarray, depth: np.ndarray, projections: np.ndarray) -> bool:
-    """Whether a point is in a limb and no view sees through it."""
-    if not _in_limb(point, limbs):
+def _solid(point: np.ndarray, limbs: np.ndarray, near: np.ndarray, depth: np.ndarray, projections: np.ndarray) -> bool:
+    """Whether a point is in one of the limbs `near` and no view sees through it."""
+    if not _in_limb(point, limbs, near):
         return False
     for v in range(len(depth)):
         row, column, z = _pixel(point, projections[v], depth.shape[1], depth.shape[2])

@@ -12,7 +12,7 @@ from posegaussian.stages.contract.facts import MASKS
 from posegaussian.stages.contract.io import Inputs
 from posegaussian.stages.depth.algorithms.pose_prior import limbs_of
 from posegaussian.stages.geometry.subject import look_at_point
-from posegaussian.stages.rendering.clipping import UNSURE, beside, cover, retouched
+from posegaussian.stages.rendering.clipping import UNSURE, beside, retouched
 from posegaussian.stages.rendering.closing import Body, closed
 from posegaussian.stages.rendering.evening import outlines_for, part_around
 from posegaussian.stages.rendering.facts import (
@@ -166,8 +166,7 @@ class FrameRenderer:
             return color, alpha
         touched = color.cpu().numpy(), alpha.cpu().numpy()
         if self.body is not None:
-            covered = cover(self.silhouettes, camera, touched[1] < 1)
-            touched = closed(*touched, self.body, camera, covered)
+            touched = closed(*touched, self.body, camera)
         filling = HOLE_FILLING in self.facts
         outlines = (
             outlines_for(camera, self.rig, self.silhouettes, self.reader.masks(self.i))

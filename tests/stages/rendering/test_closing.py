@@ -1,10 +1,12 @@
 """A body that cameras far apart saw from aside, closed for one between them."""
 
+import cv2
 import numpy as np
 import pytest
 
 from posegaussian.stages.depth.algorithms.pose_prior import MARGIN
 from posegaussian.stages.geometry.projection import pixel_centres, rays
+from posegaussian.stages.rendering import closing
 from posegaussian.stages.rendering.clipping import cover
 from posegaussian.stages.rendering.closing import OPAQUE, Body, closed
 from posegaussian.stages.silhouettes.places import agreed
@@ -58,7 +60,7 @@ def covered() -> np.ndarray:
 
 
 def test_what_no_camera_faces_is_closed_within_the_hull_in_the_colour_of_the_others(covered: np.ndarray) -> None:
-    color, alpha = closed(*EMPTY, body(DEPTH), CAMERA, covered)
+    color, alpha = closed(*EMPTY, body(DEPTH), CAMERA)
     true = DEPTH[TARGET] > 0
     assert alpha[true].mean() > 0.9  # the ends of the cylinder are rounded in the capsule and too thin at the rim
     assert (alpha <= covered + 1e-6).all()
@@ -66,28 +68,62 @@ def test_what_no_camera_faces_is_closed_within_the_hull_in_the_colour_of_the_oth
     np.testing.assert_allclose(color, alpha[..., None] * COLOR / 255, atol=1e-6)  # premultiplied
 
 
-def test_what_is_drawn_stays(covered: np.ndarray) -> None:
+def test_what_is_drawn_stays() -> None:
     drawn = picture(np.where(DEPTH[TARGET] > 0, OPAQUE, 0.0))
     drawn[0][..., 1] = 0.3 * drawn[1]
-    color, alpha = closed(*drawn, body(DEPTH), CAMERA, covered)
+    color, alpha = closed(*drawn, body(DEPTH), CAMERA)
     inner = drawn[1] > 0
     np.testing.assert_array_equal(color[inner], drawn[0][inner])
     assert alpha[~inner].sum() < 0.02 * inner.sum(), "strips beside the outline are no gaps"
 
 
-def test_a_view_that_sees_through_the_body_forbids_it(covered: np.ndarray) -> None:
+def test_a_view_that_sees_through_the_body_forbids_it() -> None:
     behind = {**DEPTH, SOURCES[0]: np.full_like(DEPTH[SOURCES[0]], 50.0)}
-    color, alpha = closed(*EMPTY, body(behind), CAMERA, covered)
+    color, alpha = closed(*EMPTY, body(behind), CAMERA)
     assert not alpha.any()
     assert not color.any()
 
 
-def test_without_limbs_nothing_is_known(covered: np.ndarray) -> None:
-    color, alpha = closed(*EMPTY, body(DEPTH, np.zeros((0, 7))), CAMERA, covered)
+def test_without_limbs_nothing_is_known() -> None:
+    color, alpha = closed(*EMPTY, body(DEPTH, np.zeros((0, 7))), CAMERA)
     assert not alpha.any()
     assert not color.any()
 
 
-def test_a_limb_elsewhere_closes_nothing(covered: np.ndarray) -> None:
-    _, alpha = closed(*EMPTY, body(DEPTH, LIMBS + np.array([2.0, 0, 0, 2.0, 0, 0, 0])), CAMERA, covered)
+def test_a_limb_elsewhere_closes_nothing() -> None:
+    _, alpha = closed(*EMPTY, body(DEPTH, LIMBS + np.array([2.0, 0, 0, 2.0, 0, 0, 0])), CAMERA)
     assert not alpha.any()
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_hull_and_the_limbs_asked_of_every_pixel_say_the_same(monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
+    monkeypatch.setattr(closing, "GAP", 3 / SIZE)  # so that the grid has a pixel in nine
+    rng = np.random.default_rng(seed)
+    torn = cv2.GaussianBlur(rng.random((SIZE, SIZE)).astype(np.float32), (0, 0), 2.5)
+    drawn = picture(np.where((torn > np.median(torn)) & (DEPTH[TARGET] > 0), rng.choice([0.45, 0.55, 1.0]), 0.0))
+    apart = LIMBS + np.array([0.4, 0, 0.1, 0.4, 0, 0.1, 0])
+    own = body(DEPTH, np.concatenate([LIMBS, apart]))
+    quick = closed(*drawn, own, CAMERA)
+    assert (quick[1] != drawn[1]).any(), "there is a gap to close"
+    monkeypatch.setattr(closing, "_around_gaps", lambda alpha, *_: np.ones(alpha.shape, bool))
+    monkeypatch.setattr(closing, "_of_limbs", lambda wanted, *_: wanted)
+    for a, b in zip(quick, closed(*drawn, own, CAMERA), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_a_limb_that_holds_a_point_of_a_ray_is_near_it() -> None:
+    rng = np.random.default_rng(2)
+    limbs = np.concatenate([rng.uniform(-1, 1, (40, 6)), rng.uniform(0.05, 0.3, (40, 1)) + MARGIN], axis=1)
+    limbs[:3, 3:6] = limbs[:3, :3]  # balls
+    origin, near, found = np.array([0.2, -3.0, 0.1]), np.empty(len(limbs), np.int64), 0
+    depths, every = np.linspace(1.5, 4.5, 3000), np.arange(len(limbs))
+    for direction in np.stack([rng.uniform(-0.4, 0.4, 100), np.ones(100), rng.uniform(-0.4, 0.4, 100)], axis=-1):
+        points = origin + depths[:, None] * direction
+        held = {n for n in every if any(closing._in_limb(p, limbs, every[n : n + 1]) for p in points[::10])}
+        told = set(near[: closing._limbs_near(origin, direction, limbs, near)].tolist())
+        assert held <= told
+        for n in told - held:  # no others, but what a ray grazes between the points
+            wider = limbs[n] + [0, 0, 0, 0, 0, 0, 0.002]
+            assert any(closing._in_limb(p, wider[None], every[:1]) for p in points)
+        found += len(held)
+    assert found > 200
