@@ -54,7 +54,7 @@ CANDIDATES: Mapping[str, tuple[str, ...]] = {
     "sweep network 20": (SWEEP, "refinement.steps=20"),
     "sweep network 50": (SWEEP, "refinement.steps=50"),
     "default": (),
-    "default 200": ("refinement.steps=200",),
+    "default 200": ("refinement.steps=200", "refinement.worth=0"),
 }
 """{name: settings}."""
 MEASURES = "metrics"

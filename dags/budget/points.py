@@ -57,8 +57,13 @@ POINTS = (
     Point("3/4, learned", "three quarters, matched depth, network, 20 steps", -1.1, _learned("sweep", 20), 0.75),
     Point("3/4, finer", "three quarters, matched depth, network, 50 steps", -0.6, _learned("sweep", 50), 0.75),
     Point("learned", "matched depth, network, 20 steps of refinement", -0.3, _learned("sweep", 20)),
-    Point("balanced", "depth and network by the judge, 50 steps of refinement", 0.0, _learned("auto", 50)),
-    Point("dear", "depth and network by the judge, 200 steps of refinement", 0.2, _learned("auto", 200)),
+    Point("balanced", "depth, network and steps of refinement by the judge", 0.0, _learned("auto", 200)),
+    Point(
+        "dear",
+        "depth and network by the judge, 200 steps of refinement",
+        0.2,
+        {**_learned("auto", 200), "refinement.worth": 0.0},
+    ),
 )
 """Cheapest first."""
 PRESETS = ("preview", "balanced", "dear")

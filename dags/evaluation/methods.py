@@ -68,7 +68,11 @@ def methods() -> dict[str, Method]:
             "the cheap end: depth by the sweep, no network, nothing judged",
             ("depth.method=sweep", "network.weights=none", "refinement.steps=0"),
         ),
-        Method("dear", "the dear end: every frame refined on its own pictures, 200 steps", ("refinement.steps=200",)),
+        Method(
+            "dear",
+            "the dear end: every frame refined on its own pictures, 200 steps",
+            ("refinement.steps=200", "refinement.worth=0"),
+        ),
         Method(
             "pose_off",
             "the network without pose, by weights trained without it",

@@ -36,6 +36,9 @@ JUDGED_EVERY = 10
 """Steps from one judgement to the next."""
 PATIENCE = 5
 """Judgements without a better one after which a frame is done."""
+WINDOW = 3
+"""Judgements over which steps must have been worth it: of sixteen pictures, four a step, one judgement may be 0.3 dB
+worse than the one before and the next one better again."""
 
 
 @dataclass(frozen=True)
@@ -102,24 +105,36 @@ def _move(values, slopes, mean, square, rate, unbiased):  # type: ignore[no-unty
 
 
 def rehearse(
-    gaussians: Mapping[int, ViewGaussians], filmed: Mapping[int, Filmed], plan: Schedule, steps: int, judge: Judge
+    gaussians: Mapping[int, ViewGaussians],
+    filmed: Mapping[int, Filmed],
+    plan: Schedule,
+    steps: int,
+    worth: float,
+    judge: Judge,
 ) -> Rehearsal:
     """At which of at most `steps` steps the judge's picture is best, drawn from the other views' Gaussians, trained on
-    the other views' pictures, and mixed with the one without refinement.
+    the other views' pictures, and mixed with the one without refinement; no more are tried once the last `WINDOW`
+    judgements gained less than `worth` dB each.
 
     Deterministic: equal arguments give equal bits on any number of threads.
     """
     walk = Walk({v: g for v, g in gaussians.items() if v != plan.judge}, filmed, plan.pupils)
-    best, at = Judgement(judge.before, 0.0), 0
+    best, at, errors = Judgement(judge.before, 0.0), 0, list[float]()
     for step in range(1, steps + 1):
         walk.step()
         if step % JUDGED_EVERY == 0 or step == steps:
             found = judge.judgement(walk.gaussians.gaussians)
             if found.error < best.error:
                 best, at = found, step
-            elif step - at >= PATIENCE * JUDGED_EVERY:
+            errors.append(best.error)
+            if step - at >= PATIENCE * JUDGED_EVERY or not _worth_more(errors, worth):
                 break
     return Rehearsal(plan.judge, judge.before, best.error, at, best.share, walk.masked)
+
+
+def _worth_more(errors: Sequence[float], worth: float) -> bool:
+    """Whether the least errors so far, one a judgement, fell by `worth` dB or more each over the last `WINDOW`."""
+    return len(errors) <= WINDOW or errors[-1] <= errors[-1 - WINDOW] * 10 ** (-0.1 * WINDOW * worth)
 
 
 class Walk:

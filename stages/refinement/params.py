@@ -13,12 +13,20 @@ class RefinementParams(Params):
     """How long each frame's Gaussians are optimised, and for how many frames that is found out at once."""
 
     steps: int = setting(
-        50,
+        200,
         "Most steps, each of a quarter of the source pictures, two at least; 0 leaves the stage out.",
         unit="steps",
         quality_levels=[0, 20, 50, 100, 200, 1000],
         ge=0,
         le=10000,
+    )
+    worth: float = setting(
+        0.05,
+        "What the left-out view's picture must gain, on the average of ten more steps, for them to be made; 0: any gain"
+        " is worth it.",
+        unit="dB",
+        ge=0,
+        le=1,
     )
     group: int = setting(
         4,

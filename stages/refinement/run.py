@@ -74,7 +74,8 @@ def _rehearsed(frames: _Frames, i: int, frame: _Frame, params: RefinementParams)
         v: lift(frames.maps(i, v), rig.intrinsics[v], rig.world_to_camera[v], torch.float32, torch.device("cpu"))
         for v, _ in plan.neighbours
     }
-    return rehearse(frame.gaussians, frame.filmed, plan, params.steps, Judge.of(frame.filmed[plan.judge], lifted, plan))
+    judge = Judge.of(frame.filmed[plan.judge], lifted, plan)
+    return rehearse(frame.gaussians, frame.filmed, plan, params.steps, params.worth, judge)
 
 
 def _trained(frame: _Frame, plan: Schedule, steps: int) -> Walk:
@@ -166,7 +167,7 @@ def check(block: Block, params: RefinementParams) -> list[str]:
             f"{int((same & ~few).sum())} of {len(data)} frames were passed on as they came: no step made the judging"
             " view's picture better"
         )
-    if ended.any():
+    if ended.any() and params.worth == 0:
         warnings.append(
             f"{int(ended.sum())} of {len(data)} frames are refined by fewer than the {params.steps} steps asked for"
             f" (the median is {int(np.median(data[ended, 4]))}): more made the left-out view's picture no better"

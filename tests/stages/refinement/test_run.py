@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from posegaussian.stages.contract.io import Block
 from posegaussian.stages.gaussians.params import GaussiansParams
+from posegaussian.stages.refinement.optimise import JUDGED_EVERY, WINDOW, _worth_more
 from posegaussian.stages.refinement.params import RefinementParams
 from posegaussian.stages.refinement.run import check
 from posegaussian.stages.registry import stage
@@ -51,11 +54,11 @@ def refine(
     group: int = 1,
     length: int = FRAMES,
     frames: int = FRAMES,
+    worth: float = 0.0,
 ) -> dict[str, np.ndarray]:
     cut = {k: v[:frames] for k, v in arrays.items()}
-    return run_stage(
-        stage("refinement"), RefinementParams(steps=steps, group=group), cut, c.rig, c.views, frames, length
-    )
+    params = RefinementParams(steps=steps, group=group, worth=worth)
+    return run_stage(stage("refinement"), params, cut, c.rig, c.views, frames, length)
 
 
 GIVEN = dict(zip(REFINED[:-1], unrefined_arrays(frozenset()), strict=True))
@@ -147,6 +150,27 @@ def test_partitions_change_nothing(person: PersonCapture, spoilt: dict[str, np.n
         assert all(np.array_equal(whole[k], cut[k]) for k in whole), length
 
 
+def test_steps_end_where_more_are_not_worth_it(person: PersonCapture, spoilt: dict[str, np.ndarray]) -> None:
+    (free,), (dear,) = (refine(person, spoilt, 80, frames=1, worth=w)[OUTCOME] for w in (0.0, 1.0))
+    assert (WINDOW + 1) * JUDGED_EVERY >= dear[STEP] > 0
+    assert free[STEP] > dear[STEP]
+    assert free[AFTER] < dear[AFTER] < dear[BEFORE] == free[BEFORE]
+    short = refine(person, spoilt, int(dear[STEP]), frames=1)
+    for name in REFINED:  # ends as if so many had been asked for
+        np.testing.assert_array_equal(refine(person, spoilt, 80, frames=1, worth=1.0)[name], short[name])
+
+
+@settings(derandomize=True, deadline=None)
+@given(st.floats(1e-9, 1), st.floats(0.001, 1), st.integers(1, 12))
+def test_what_falls_by_as_much_as_it_must_goes_on_and_what_falls_by_less_ends(
+    first: float, worth: float, judged: int
+) -> None:
+    kept, missed = ([first * 10 ** (-0.1 * k * fall) for k in range(judged)] for fall in (1.01 * worth, 0.99 * worth))
+    assert _worth_more(kept, worth)
+    assert _worth_more(missed, worth) == (judged <= WINDOW)
+    assert _worth_more([first] * judged, 0.0), "without a bound patience alone ends it"
+
+
 def test_a_group_rehearses_once_and_each_of_its_frames_is_trained_on_its_own_pictures(
     person: PersonCapture, spoilt: dict[str, np.ndarray]
 ) -> None:
@@ -211,7 +235,7 @@ def test_a_frame_that_cannot_be_refined_is_passed_on_bit_by_bit(
 
 
 def test_warnings_and_values_that_are_not_finite() -> None:
-    params = RefinementParams(steps=20)
+    params = RefinementParams(steps=20, worth=0)
     row = [5, 0, 1e-3, 9e-4, 20, 0, 0]
     assert check(Block(OUTCOME, np.array([row], np.float32)), params) == []
     (said,) = check(Block(OUTCOME, np.array([row, [5, 0, 1e-3, 1e-3, 0, 0, 0]], np.float32)), params)
@@ -219,6 +243,7 @@ def test_warnings_and_values_that_are_not_finite() -> None:
     assert "no step made the judging view's picture better" in said
     (said,) = check(Block(OUTCOME, np.array([[*row[:4], 10, 0, 0]], np.float32)), params)
     assert "fewer than the 20 steps asked for (the median is 10)" in said
+    assert check(Block(OUTCOME, np.array([[*row[:4], 10, 0, 0]], np.float32)), RefinementParams(steps=20)) == []
     (said,) = check(Block(OUTCOME, np.array([[*row[:6], 7]], np.float32)), params)
     assert said == "7 gradients were not finite and were set to 0"
     with pytest.raises(ValueError, match=r"refinement/depth of view 2: 1 values are not finite"):
