@@ -6,12 +6,12 @@
     publishing only
 
 Eight cameras on a ring, or those of a scene like a capture; two held out in the middle of gaps, one frame a scene.
-`floor` is the pipeline without network and refinement, `refinement STEPS` as it is set by default but for that many
-steps, from the network's Gaussians where the judge lets it; seconds are the CPU seconds a frame of all stages from
-frames to the rendering of both held-out pictures. `3dgs` is per-scene splatting from points on the visual hull, with
-densification (benchmarks/baselines/splatting.py); its seconds are CPU seconds of the optimisation alone. Box PSNR is
-that of the held-out pictures, clipped to the source masks' hull and filled by the same code; `3dgs, unclipped` is what
-a user of 3DGS sees.
+`floor` is the pipeline without network and refinement, `refinement default` as it is set by default, `refinement STEPS`
+the same but for that many steps as far as they gain anything, from the network's Gaussians where the judge lets it;
+seconds are the CPU seconds a frame of all stages from frames to the rendering of both held-out pictures. `3dgs` is
+per-scene splatting from points on the visual hull, with densification (benchmarks/baselines/splatting.py); its seconds
+are CPU seconds of the optimisation alone. Box PSNR is that of the held-out pictures, clipped to the source masks' hull
+and filled by the same code; `3dgs, unclipped` is what a user of 3DGS sees.
 """
 
 from __future__ import annotations
@@ -48,19 +48,19 @@ MADE = ("frames", "pose", "smoothing", "depth", "network", "gaussians", "refinem
 PSNR = MetricsParams(measures=["psnr"])
 
 
-def refined(cell: Cell, folder: Path, settings: tuple[str, ...], levels: list[int]) -> list[dict[str, Any]]:
+def refined(cell: Cell, folder: Path, settings: tuple[str, ...], levels: list[str]) -> list[dict[str, Any]]:
     """The floor's row, then one a level; what does not depend on it is made once and counts for each."""
     rows: list[dict[str, Any]] = []
     seconds: dict[str, float] = {}
-    for steps in (None, *levels):
-        results, now = run_capture(folder, (*settings, *(FLOOR if steps is None else (f"refinement.steps={steps}",))))
+    for level in ("floor", *levels):
+        results, now = run_capture(folder, (*settings, *_settings(level)))
         seconds |= now
         views = _by_view(results, cell)
-        spent = {s: seconds.get(s, 0.0) / cell.frames for s in MADE if s != "refinement" or steps}
+        spent = {s: seconds.get(s, 0.0) / cell.frames for s in MADE if s != "refinement" or level not in ("floor", "0")}
         rows.append(
             {
-                "method": "floor" if steps is None else "refinement",
-                "level": f"{steps or 0}",
+                "method": "floor" if level == "floor" else "refinement",
+                "level": "0" if level == "floor" else level,
                 "box psnr": float(np.mean(views)),
                 "optimisation s": spent.get("refinement", 0.0),
                 "seconds": sum(spent.values()),
@@ -68,6 +68,16 @@ def refined(cell: Cell, folder: Path, settings: tuple[str, ...], levels: list[in
             }
         )
     return rows
+
+
+def _level(text: str) -> str:
+    """A level of `--steps`. Raises ValueError for what is neither `default` nor a number."""
+    return text if text == "default" else str(int(text))
+
+
+def _settings(level: str) -> tuple[str, ...]:
+    """Of the floor, of the default, or of so many steps."""
+    return {"floor": tuple(FLOOR), "default": ()}.get(level, (f"refinement.steps={level}", "refinement.worth=0"))
 
 
 def _by_view(results: Results, cell: Cell) -> list[float]:
@@ -124,7 +134,7 @@ def _psnr(picture: np.ndarray, truth: np.ndarray, mask: np.ndarray) -> float:
 
 
 def scene_rows(
-    scenes: str, seed: int, levels: list[int], minutes: list[float], settings: tuple[str, ...]
+    scenes: str, seed: int, levels: list[str], minutes: list[float], settings: tuple[str, ...]
 ) -> list[dict[str, Any]]:
     """Every row of one seed."""
     cell = Cell(seed, 8 if scenes == "plain" else None, frames=1, scenes=scenes)
@@ -153,7 +163,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", choices=tuple(SCENES), default="plain")
     parser.add_argument("--seeds", type=seeds, help="default: those for reporting")
-    parser.add_argument("--steps", type=int, nargs="+", default=[0, 20, 50, 200])
+    parser.add_argument(
+        "--steps", type=_level, nargs="+", default=["0", "20", "50", "200"], help="numbers, and `default`"
+    )
     parser.add_argument(
         "--minutes", type=float, nargs="*", default=[0.25, 1, 3, 10], help="of 3DGS; none: leave it out"
     )
@@ -170,7 +182,7 @@ def main() -> None:
         {k: r[k] for k in ("method", "level", "optimisation s", "seconds", "box psnr")}
         for r in means(rows, "method", "level")
     ]
-    if chosen == SCENES["plain"] and a.minutes and {0, 20, 50, 200} <= set(a.steps):
+    if chosen == SCENES["plain"] and a.minutes and {"0", "20", "50", "200"} <= set(a.steps):
         publish(
             "refinement",
             table,

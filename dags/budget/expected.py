@@ -135,9 +135,9 @@ def distinct(
 
 
 def values_of(point: Point, contexts: Sequence[Context], own: Collection[str]) -> dict[str, Any]:
-    """{stage.key: value} of a point: what the user set stays, and a depth method is set only where matching has a
-    choice, on no capture of a single view or with depth of its own."""
-    kept = set(own)
+    """{stage.key: value} of a point: what the user set stays, with steps of refinement what they are worth, too, and a
+    depth method is set only where matching has a choice, on no capture of a single view or with depth of its own."""
+    kept = {*own, *(("refinement.worth",) if "refinement.steps" in own else ())}
     if any(method_choice(DepthParams(), c.facts)[0] not in BY_PICTURES for c in contexts):
         kept.add("depth.method")
     longest = max(int(c.capture.rig.size.max()) for c in contexts)

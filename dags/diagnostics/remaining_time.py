@@ -39,7 +39,7 @@ TYPICAL = {
     "depth": 3.6e-6,
     "network": 1e-6,
     "gaussians": 5e-7,
-    "refinement": 4e-6,
+    "refinement": 6e-6,
     "rendering": 1.9e-6,
     "metrics": 6e-7,
 }

@@ -306,6 +306,6 @@ def _info(context: Context, views: Sequence[int], side: int, counts: Sequence[in
         *([("Total", f"{sum(counts):,} Gaussians, {min(counts):,} to {max(counts):,} a frame")] if counts else []),
         ("Views", f"{', '.join(context.rig.names[v] for v in views)}; {settings.rendering.sources} make a picture"),
         ("Pictures", ", ".join(f"{w} × {h} px" for w, h in sizes) + f", {side} × {side} px merged" * (side > 1)),
-        ("Depth", f"depth.method {settings.depth.method}, refinement.steps {settings.refinement.steps}"),
+        ("Depth", f"depth.method {settings.depth.method}, refinement of up to {settings.refinement.steps} steps"),
         ("Effects", ", ".join(effects) or "none"),
     ]

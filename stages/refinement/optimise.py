@@ -35,7 +35,7 @@ only six times: 0.62 and 0.03 dB lower on the two reporting people filmed by six
 JUDGED_EVERY = 10
 """Steps from one judgement to the next."""
 PATIENCE = 5
-"""Judgements without a better one after which a frame is done."""
+"""Judgements without a better one after which a frame is done, where any gain is worth it."""
 WINDOW = 3
 """Judgements over which steps must have been worth it: of sixteen pictures, four a step, one judgement may be 0.3 dB
 worse than the one before and the next one better again."""
@@ -114,7 +114,7 @@ def rehearse(
 ) -> Rehearsal:
     """At which of at most `steps` steps the judge's picture is best, drawn from the other views' Gaussians, trained on
     the other views' pictures, and mixed with the one without refinement; no more are tried once the last `WINDOW`
-    judgements gained less than `worth` dB each.
+    judgements gained less than `worth` dB on their mean.
 
     Deterministic: equal arguments give equal bits on any number of threads.
     """
@@ -126,14 +126,15 @@ def rehearse(
             found = judge.judgement(walk.gaussians.gaussians)
             if found.error < best.error:
                 best, at = found, step
-            errors.append(best.error)
+            errors.append(min([found.error, *errors[-1:]]))
             if step - at >= PATIENCE * JUDGED_EVERY or not _worth_more(errors, worth):
                 break
     return Rehearsal(plan.judge, judge.before, best.error, at, best.share, walk.masked)
 
 
 def _worth_more(errors: Sequence[float], worth: float) -> bool:
-    """Whether the least errors so far, one a judgement, fell by `worth` dB or more each over the last `WINDOW`."""
+    """Whether the least error so far, at each judgement, fell by `worth` dB a judgement on the mean of the last
+    `WINDOW`."""
     return len(errors) <= WINDOW or errors[-1] <= errors[-1 - WINDOW] * 10 ** (-0.1 * WINDOW * worth)
 
 

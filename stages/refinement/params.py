@@ -22,9 +22,10 @@ class RefinementParams(Params):
     )
     worth: float = setting(
         0.05,
-        "What the left-out view's picture must gain, on the average of ten more steps, for them to be made; 0: any gain"
-        " is worth it.",
+        "What the left-out view's picture must gain in ten steps, on the mean of the last thirty, for more to be made;"
+        " 0: any gain is worth it.",
         unit="dB",
+        quality_levels=[0.2, 0.05, 0.0],
         ge=0,
         le=1,
     )

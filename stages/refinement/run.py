@@ -144,8 +144,8 @@ class _Frames:
 
 
 def check(block: Block, params: RefinementParams) -> list[str]:
-    """Warn of frames that were passed on as they came, and of gradients set to 0; raise ValueError for values that
-    are not finite."""
+    """Warn of frames that were passed on as they came, of gradients set to 0, and of fewer steps than asked for where
+    any gain is worth one; raise ValueError for values that are not finite."""
     data = np.asarray(block.data)
     if not np.isfinite(data).all():
         raise ValueError(

@@ -102,8 +102,6 @@ def closed(color: np.ndarray, alpha: np.ndarray, body: Body, camera: Camera) -> 
     wanted = _of_limbs(_around_gaps(alpha, body, camera) & (alpha < OPAQUE), body.limbs, camera)
     covered = cover(body.silhouettes, camera, wanted)
     rows, columns = np.nonzero(wanted & (covered > 0))
-    if not len(rows):
-        return color, alpha
     origin, directions = _rays_of(rows, columns, camera)
     found = _behind(
         origin,
@@ -132,25 +130,34 @@ def _radius(alpha: np.ndarray) -> int:
 
 def _gaps(there: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     """[h, w] bool: what is missing of the body `there` [h, w], but for strips narrower than twice `GAP`."""
-    side = 2 * _radius(alpha) + 1
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
     missing = ((there > 0.5) & (alpha < 0.5)).astype(np.uint8)
-    wide = cv2.morphologyEx(missing, cv2.MORPH_OPEN, disc)
+    wide = cv2.morphologyEx(missing, cv2.MORPH_OPEN, _disc(_radius(alpha)))
     return np.asarray(cv2.dilate(wide, _square(RIM)) > 0)
 
 
 def _around_gaps(alpha: np.ndarray, body: Body, camera: Camera) -> np.ndarray:
     """[h, w] bool: where `_gaps` can be, all of it and some pixels around.
 
-    A gap is made of discs that are missing as a whole, and each holds a pixel of a grid as wide as its radius: only of
-    the grid's pixels the hull is asked everywhere.
+    A gap is made of discs, or what the picture's border leaves of them, that are missing as a whole, and each holds a
+    pixel of a grid as wide as its radius: only of the grid's pixels the hull is asked everywhere.
     """
     radius = _radius(alpha)
-    empty = np.zeros(alpha.shape, bool)
-    empty[::radius, ::radius] = alpha[::radius, ::radius] < 0.5
-    empty = _of_limbs(empty, body.limbs, camera)
+    empty = _of_limbs(_grid(alpha.shape, radius) & (alpha < 0.5), body.limbs, camera)
     missing = empty & (cover(body.silhouettes, camera, empty) > 0.5)
     return np.asarray(cv2.dilate(missing.astype(np.uint8), _square(2 * radius + RIM)) > 0)
+
+
+def _grid(shape: tuple[int, ...], step: int) -> np.ndarray:
+    """[h, w] bool: every `step`-th pixel of every `step`-th row, and of the last row and column, too."""
+    rows, columns = (np.unique([*range(0, side, step), side - 1]) for side in shape)
+    grid = np.zeros(shape, bool)
+    grid[np.ix_(rows, columns)] = True
+    return grid
+
+
+def _disc(radius: int) -> np.ndarray:
+    """What lies within `radius` px of a pixel."""
+    return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
 
 
 def _of_limbs(wanted: np.ndarray, limbs: np.ndarray, camera: Camera) -> np.ndarray:

@@ -127,3 +127,10 @@ def test_a_limb_that_holds_a_point_of_a_ray_is_near_it() -> None:
             assert any(closing._in_limb(p, wider[None], every[:1]) for p in points)
         found += len(held)
     assert found > 200
+
+
+@pytest.mark.parametrize("radius", range(1, 24))
+def test_every_disc_even_one_that_the_border_cuts_holds_a_pixel_of_the_grid(radius: int) -> None:
+    for height, width in ((2 * radius + 1 + i, 3 * radius + 1 + 5 * i) for i in range(radius)):
+        held = cv2.dilate(closing._grid((height, width), radius).astype(np.uint8), closing._disc(radius))
+        assert held.all(), (height, width)
