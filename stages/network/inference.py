@@ -93,6 +93,10 @@ class Looks:
         axes = {view: common_turn(found) for view, found in turns.items()}
         return cls(rig, pairs, tuple(candidates(rig, pair, reports) for pair in pairs), axes)
 
+    def sensitivity(self, view: int) -> float:
+        """Px of disparity for 1/metre of inverse depth in the view's pair that moves most; 0 without one."""
+        return max((p.sensitivity for p in self.pairs if view in p.views), default=0.0)
+
     def along_axes(self, learned: Learned, pair: RectifiedPair, which: int, first: int) -> Learned:
         """What was said along the axes of a pair, along those of its view."""
         return along(learned, turn_in_picture(self.rig, pair, which) - self.axes[pair.views[which]], first)

@@ -9,6 +9,8 @@ import numpy as np
 
 from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.contract.timing import TimedInputs
+from posegaussian.stages.depth.algorithms.smooth_disparity import even
+from posegaussian.stages.matching.fuse import MATCHED
 from posegaussian.stages.network.inference import NUMBERS, Learned, Looks, leaning, look, look_alone, refined
 from posegaussian.stages.network.model.network import PoseGaussianNetwork
 from posegaussian.stages.network.model.pairs import SourceView
@@ -21,6 +23,11 @@ from posegaussian.stages.smoothing.facts import TEMPORAL_SMOOTHING
 
 SURE = 0.1
 """Mean confidence on the surface below which a view is reported: the network hardly says anything there."""
+
+EVENED, NOISE = 2, 0.5
+"""Times that depth is evened, and px of disparity that are noise: each view is moved by itself, and what stands out of a
+limb in any of them makes it wider to a camera beside. Refined pictures of eight tuning people (384 px) gain 0.08 dB on
+the mean (-0.14 to 0.23), although the mean error of depth is 1 to 8 % larger."""
 
 
 def run(inputs: TimedInputs, params: NetworkParams) -> Iterator[Block]:
@@ -51,7 +58,8 @@ def run(inputs: TimedInputs, params: NetworkParams) -> Iterator[Block]:
         shown = {u: read[u].at(f) for u in valid}
         for v, learned in _learned(inputs, network, params, looks, shown).items():
             with inputs.timed("pulling back"):
-                depth[v][f] = refined(depth[v][f], learned)
+                sensitivity = looks(valid).sensitivity(v) if len(valid) > 1 else 0.0
+                depth[v][f] = evened(depth[v][f], refined(depth[v][f], learned), learned.confidence, sensitivity)
             confidence[v][f], blend[v][f] = learned.confidence, learned.share
             numbers[v][f], turn[v][f] = stored(learned.numbers, network.preset)
             axes[v, f] = looks(valid).axes[v] if TURNED in inputs.facts else 0
@@ -66,6 +74,19 @@ def run(inputs: TimedInputs, params: NetworkParams) -> Iterator[Block]:
             yield Block("network/turn", turn.get(v, np.zeros((shape[0], 1, *shape[1:]), np.float16)), v)
         if TURNED in inputs.facts:
             yield Block("network/axes", axes[v], v)
+
+
+def evened(start: np.ndarray, refined: np.ndarray, confidence: np.ndarray, sensitivity: float) -> np.ndarray:
+    """Refined depth [h, w] float32 m with the noise between neighbours averaged away, as far as `confidence` [h, w]
+    comes to that of a match; what is the depth it `start`ed from stays bit by bit. `sensitivity`: px of disparity for
+    1/metre; 0 evens nothing."""
+    out = refined
+    for _ in range(EVENED if sensitivity > 0 else 0):
+        out = even(out, 1 / sensitivity, NOISE)
+    said = (refined != start) & (refined > 0) & (out > 0)
+    believed = np.clip(np.nan_to_num(confidence.astype(np.float32)) / np.float32(MATCHED), 0, 1)
+    inverse = (1 - believed) / np.where(said, refined, 1) + believed / np.where(said, out, 1)
+    return np.where(said, 1 / inverse, refined).astype(np.float32)
 
 
 def stored(said: np.ndarray, preset: Preset) -> tuple[np.ndarray, np.ndarray]:
