@@ -25,9 +25,9 @@ SURE = 0.1
 """Mean confidence on the surface below which a view is reported: the network hardly says anything there."""
 
 EVENED, NOISE = 2, 0.5
-"""Times that depth is evened, and px of disparity that are noise: each view is moved by itself, and what stands out of a
-limb in any of them makes it wider to a camera beside. Refined pictures of eight tuning people (384 px) gain 0.08 dB on
-the mean (-0.14 to 0.23), although the mean error of depth is 1 to 8 % larger."""
+"""Times that depth is evened, and px of disparity that are noise. Each view is moved by itself, and what stands out of
+a limb in any of them makes it wider to a camera beside. Refined pictures of eight tuning people (384 px) gain 0.08 dB
+on the mean (-0.14 to 0.23), although the mean error of depth is 1 to 8 % larger."""
 
 
 def run(inputs: TimedInputs, params: NetworkParams) -> Iterator[Block]:
