@@ -4,6 +4,7 @@ means the same everywhere, those of all views side by side."""
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -118,6 +119,12 @@ class SharedGaussians:
         scale, color = (np.ascontiguousarray(v[name].T) for name in ("scale", "color"))
         made = (mean, rotation, scale, v["opacity"][0], color)
         return Gaussians(*(torch.from_numpy(a).requires_grad_() for a in made))
+
+    def with_offsets(self, offsets: Offsets) -> SharedGaussians:
+        """The same Gaussians moved by other offsets, which are not copied."""
+        other = copy(self)
+        other.offsets = offsets
+        return other
 
     def slopes(self, gaussians: Gaussians) -> Offsets:
         """What the gradients of `gaussians`, made of the offsets as they are, are by the offsets."""

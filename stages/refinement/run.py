@@ -48,7 +48,7 @@ def run(inputs: Inputs, params: RefinementParams) -> Iterator[Block]:
         if frame.plan is not None and rehearsal is not None and rehearsal.refines:
             walk = _trained(frame, frame.plan, rehearsal.step)
             taught = walk.masked
-            for v, maps in walk.gaussians.maps().items():
+            for v, maps in walk.reached.maps().items():
                 made[v][i - first] = maps
         outcomes.append(_outcome(frame, rehearsal, rehearsed, taught))
     nothing = [_nothing(*(int(n) for n in inputs.rig.size.max(axis=0)))] * len(inputs.partition)

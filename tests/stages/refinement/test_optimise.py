@@ -1,0 +1,81 @@
+"""Steps: how far one moves what is optimised, and what of many is kept."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from posegaussian.stages.refinement.attributes import SharedGaussians, ViewGaussians
+from posegaussian.stages.refinement.loss import Filmed
+from posegaussian.stages.refinement.optimise import NEWEST, RATES, USUAL_PICTURES, Walk, _Adam
+from posegaussian.stages.refinement.thinning import thinned
+from posegaussian.stages.rendering.lift import GaussianMaps
+from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
+from posegaussian.stages.splatting.definition.scene import Camera
+
+
+@pytest.fixture(scope="module")
+def person() -> PersonCapture:
+    return capture_person(views=5, size=40, frames=1, held_out=0)
+
+
+@pytest.fixture
+def walk(person: PersonCapture) -> Walk:
+    views = person.views.sources
+    return Walk({v: gaussians(person, v) for v in views}, {v: filmed(person, v) for v in views}, views)
+
+
+def gaussians(c: PersonCapture, view: int) -> ViewGaussians:
+    depth = c.depth[0, view]
+    ones, there = np.ones((2, *depth.shape), np.float16), (depth > 0).astype(np.float16)
+    normal = np.stack([0 * there, 0 * there, -there])
+    scale = (0.01 * np.ones((3, *depth.shape))).astype(np.float16)
+    maps = GaussianMaps(c.color[0, view], depth, scale, normal, ones * there)
+    return ViewGaussians.of(thinned(maps), c.rig.intrinsics[view], c.rig.world_to_camera[view])
+
+
+def filmed(c: PersonCapture, view: int) -> Filmed:
+    width, height = (int(n) for n in c.rig.size[view])
+    cover = c.mask[0, view].astype(np.float32) / 255
+    camera = Camera(c.rig.intrinsics[view], c.rig.world_to_camera[view], width, height)
+    return Filmed(camera, c.color[0, view].astype(np.float32) / 255 * cover[..., None], cover)
+
+
+def test_what_is_kept_is_the_mean_over_steps_the_newest_weighing_most(walk: Walk) -> None:
+    expected = {name: np.zeros_like(a) for name, a in walk.gaussians.offsets.items()}
+    for _ in range(7):
+        walk.step()
+        for name, a in walk.gaussians.offsets.items():
+            expected[name] = (1 - NEWEST) * expected[name] + NEWEST * a
+    for name, mean in expected.items():
+        np.testing.assert_allclose(walk.reached.offsets[name], mean, rtol=1e-4, atol=1e-7)  # float32, seven sums
+        assert not np.array_equal(walk.reached.offsets[name], walk.gaussians.offsets[name])
+
+
+def test_looking_at_the_mean_moves_nothing(walk: Walk) -> None:
+    walk.step()
+    before = {name: a.copy() for name, a in walk.gaussians.offsets.items()}
+    walk.reached.gaussians()
+    walk.reached.maps()
+    for name, a in before.items():
+        np.testing.assert_array_equal(walk.gaussians.offsets[name], a)
+
+
+@settings(derandomize=True, deadline=None, max_examples=20)
+@given(st.integers(1, 64), st.floats(1e-3, 1e3))
+def test_the_first_move_is_the_rate_of_so_many_pictures_whatever_the_slope(pictures: int, slope: float) -> None:
+    offsets = {name: np.zeros((1, 3), np.float32) for name in RATES}
+    free = SimpleNamespace(offsets=offsets, confine=lambda: None)
+    _Adam(free, pictures).step({name: np.full((1, 3), slope, np.float32) for name in RATES}, slower=1.0)  # type: ignore[arg-type]
+    for name, rate in RATES.items():
+        np.testing.assert_allclose(offsets[name], -rate * np.sqrt(USUAL_PICTURES / pictures), rtol=1e-4)
+
+
+def test_other_offsets_leave_the_gaussians_they_come_from_alone(walk: Walk) -> None:
+    own = walk.gaussians.offsets
+    other = walk.gaussians.with_offsets({name: a + np.float32(0.01) for name, a in own.items()})
+    assert isinstance(other, SharedGaussians)
+    assert walk.gaussians.offsets is own
+    assert not np.array_equal(other.gaussians().mean.detach(), walk.gaussians.gaussians().mean.detach())
