@@ -19,7 +19,7 @@ from posegaussian.stages.refinement.attributes import ViewGaussians
 from posegaussian.stages.refinement.judging import draw
 from posegaussian.stages.refinement.loss import Filmed
 from posegaussian.stages.refinement.optimise import Walk
-from posegaussian.stages.refinement.thinning import thinned
+from posegaussian.stages.refinement.thinning import EVERY, thinned
 from posegaussian.stages.splatting.definition.scene import Gaussians
 
 STEPS, WARM_UP = 50, 5
@@ -32,7 +32,7 @@ def walk(folder: Path, size: int) -> tuple[Walk, list[Filmed]]:
     results, _ = run_capture(folder, (held_out, *SETTINGS))
     scene, rig = Scene.of(results), results.context.rig
     gaussians = {
-        v: ViewGaussians.of(thinned(m), rig.intrinsics[v], rig.world_to_camera[v]) for v, m in scene.maps.items()
+        v: ViewGaussians.of(thinned(m, EVERY), rig.intrinsics[v], rig.world_to_camera[v]) for v, m in scene.maps.items()
     }
     filmed = scene.filmed()
     return Walk(gaussians, dict(zip(gaussians, filmed, strict=True)), tuple(gaussians)), filmed

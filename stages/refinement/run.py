@@ -16,7 +16,7 @@ from posegaussian.stages.refinement.loss import Filmed
 from posegaussian.stages.refinement.optimise import Rehearsal, Walk, rehearse
 from posegaussian.stages.refinement.params import FEWEST, RefinementParams
 from posegaussian.stages.refinement.schedule import Schedule, schedule
-from posegaussian.stages.refinement.thinning import thinned
+from posegaussian.stages.refinement.thinning import pixels_a_gaussian, thinned
 from posegaussian.stages.rendering.lift import GaussianMaps, lift
 from posegaussian.stages.rendering.sources import REFINED, unrefined_arrays
 from posegaussian.stages.splatting.definition.scene import Camera
@@ -126,9 +126,9 @@ class _Frames:
         """Thinned Gaussians of the source views that have some, and something to compare with. Whether a frame of
         the halo has a picture is told by its mask."""
         rig, sources = self.inputs.rig, self.inputs.views.sources
-        found = {}
+        found, every = {}, pixels_a_gaussian(len(sources))
         for v in sources:
-            gaussians = ViewGaussians.of(thinned(self.maps(i, v)), rig.intrinsics[v], rig.world_to_camera[v])
+            gaussians = ViewGaussians.of(thinned(self.maps(i, v), every), rig.intrinsics[v], rig.world_to_camera[v])
             if len(gaussians) and self.masks[v][i - self.start].any():
                 found[v] = gaussians
         plan = schedule(rig, sources, np.isin(np.arange(len(rig)), list(found)))

@@ -7,6 +7,7 @@ from posegaussian.stages.contract.facts import FEW_SOURCES, Facts
 from posegaussian.stages.frames.effects import NOISE_AVERAGING
 from posegaussian.stages.network.params import TWISTED, depth_reads
 from posegaussian.stages.refinement.params import FEWEST, RefinementParams, halo
+from posegaussian.stages.refinement.thinning import pixels_a_gaussian
 from posegaussian.stages.rendering.sources import REFINEMENT, TWIST
 from posegaussian.storage.model.spec import ArraySpec, Shape
 
@@ -15,14 +16,15 @@ def needs(shape: Shape, params: RefinementParams) -> Resources:
     """Maps of the partition and its halo (28 bytes a pixel and view), as many again to write, one frame's optimisation,
     one picture's gradients.
 
-    As if every pixel had depth: of every sixth a Gaussian of twelve numbers, with its gradient, the means of it and of
-    its square, the lifted copy, and its slots in a picture's gradients; the pictures and their moments; the judge's
-    picture of two views.
+    As if every pixel had depth: of those that keep one a Gaussian of twelve numbers, with its gradient, the means of it
+    and of its square, the lifted copy, and its slots in a picture's gradients; the pictures and their moments; the
+    judge's picture of two views.
     """
     before, _ = halo(params, Facts())
     pixels = shape["y"] * shape["x"]
     maps = pixels * shape["view"] * 28 * (2 * shape["frame"] + before)
-    return Resources(cpu=1, ram=maps + pixels * (shape["view"] * 360 + 760))
+    kept = shape["view"] / pixels_a_gaussian(shape["view"])
+    return Resources(cpu=1, ram=int(maps + pixels * (kept * 2160 + 760)))
 
 
 def unneeded(params: RefinementParams, facts: Facts) -> str | None:
@@ -37,7 +39,7 @@ def unneeded(params: RefinementParams, facts: Facts) -> str | None:
 STAGE = Stage(
     name=REFINEMENT,
     summary="Optimise each frame's Gaussians on its source pictures through the renderer.",
-    version=10,
+    version=11,
     run="posegaussian.stages.refinement.run:run",
     check="posegaussian.stages.refinement.run:check",
     reads=(
