@@ -16,18 +16,18 @@ from posegaussian.stages.refinement.loss import Filmed, loss
 from posegaussian.stages.refinement.schedule import Schedule
 
 RATES = {"color": 0.0025, "scale": 0.03, "rotation": 0.0015, "opacity": 0.1, "depth": 0.4, "twist": 0.1}
-"""Of Adam, in the units of the offsets, with `MOST_PICTURES` source pictures or fewer. About half of them gained a
-fifth less in 50 steps (seeds 2 and 3); twice the colour's overfit by 100. The size's: 0.03 in place of 0.02 gains 0.03
-dB on the mean of eight tuning people (384 px). The normal's: a disc that leans serves the source pictures with its rim,
-which stands out from a limb to all other cameras. At 0.01 twelve tuning people have 0.11 dB less on the mean (-0.04 to
-0.30); where normals stay, one of sixteen cameras has 0.56 less. The turn's: an arc of four cameras that leans by 45
-degrees, checked cloth (seed 2, 320 px, `benchmarks.quality.held`), 28.63 dB without, 29.85 at 0.02 and half the bound,
-30.14 at 0.1; eight cameras around seed 1 (384 px) 31.23, 31.37 at 0.1 and, with twice the rate and twice the bound,
-31.23."""
-MOST_PICTURES = 8
-"""Of more, rates are less by the root of the ratio: each picture moves the Gaussians its own way, and the more there
-are, the less one of them should. Sixteen pictures (tuning people 1 and 8, 384 px) have 33.0 and 30.6 dB after 60 steps,
-32.8 and 30.3 at the rates of eight. Four would gain early by more, and lose after it: `balance` 0.09 dB."""
+"""Of Adam, in the units of the offsets, with `USUAL_PICTURES` source pictures. About half of them gained a fifth less
+in 50 steps (seeds 2 and 3); twice the colour's overfit by 100. The size's: 0.03 in place of 0.02 gains 0.03 dB on the
+mean of eight tuning people (384 px). The normal's: a disc that leans serves the source pictures with its rim, which
+stands out from a limb to all other cameras. At 0.01 twelve tuning people have 0.11 dB less on the mean (-0.04 to 0.30);
+where normals stay, one of sixteen cameras has 0.56 less. The turn's: an arc of four cameras that leans by 45 degrees,
+checked cloth (seed 2, 320 px, `benchmarks.quality.held`), 28.63 dB without, 29.85 at 0.02 and half the bound, 30.14 at
+0.1; eight cameras around seed 1 (384 px) 31.23, 31.37 at 0.1 and, with twice the rate and twice the bound, 31.23."""
+USUAL_PICTURES, FEW_PICTURES = 8, 4
+"""Of so many, rates are as they stand; of others they are more or less by the root of the ratio, and of few as of those
+few: each picture moves the Gaussians its own way, and the more there are, the less one of them should. Sixteen pictures
+(tuning people 1 and 8, 384 px) have 33.0 and 30.6 dB after 60 steps, 32.8 and 30.3 at the rates of eight; four (3 and
+4) end with 0.11 and 0.19 dB more than at those."""
 MEAN, SQUARE = 0.9, 0.999
 """Decay of the running means of a gradient and of its square."""
 SLOWER = 100
@@ -84,7 +84,8 @@ class _Adam:
     def __init__(self, gaussians: SharedGaussians, pictures: int) -> None:
         """Of Gaussians that so many pictures move."""
         self.gaussians = gaussians
-        self.rates = {name: rate * min(1.0, MOST_PICTURES / pictures) ** 0.5 for name, rate in RATES.items()}
+        ratio = USUAL_PICTURES / max(pictures, FEW_PICTURES)
+        self.rates = {name: rate * ratio**0.5 for name, rate in RATES.items()}
         self.mean: Offsets = {name: np.zeros_like(a) for name, a in gaussians.offsets.items()}
         self.square: Offsets = {name: np.zeros_like(a) for name, a in gaussians.offsets.items()}
         self.count = 0

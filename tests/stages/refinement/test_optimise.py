@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from posegaussian.stages.refinement.attributes import SharedGaussians, ViewGaussians
 from posegaussian.stages.refinement.loss import Filmed
-from posegaussian.stages.refinement.optimise import MOST_PICTURES, NEWEST, RATES, Walk, _Adam
+from posegaussian.stages.refinement.optimise import FEW_PICTURES, NEWEST, RATES, USUAL_PICTURES, Walk, _Adam
 from posegaussian.stages.refinement.thinning import EVERY, thinned
 from posegaussian.stages.rendering.lift import GaussianMaps
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
@@ -69,7 +69,7 @@ def test_the_first_move_is_the_rate_of_so_many_pictures_whatever_the_slope(pictu
     offsets = {name: np.zeros((1, 3), np.float32) for name in RATES}
     free = SimpleNamespace(offsets=offsets, confine=lambda: None)
     _Adam(free, pictures).step({name: np.full((1, 3), slope, np.float32) for name in RATES}, slower=1.0)  # type: ignore[arg-type]
-    less = np.sqrt(MOST_PICTURES / max(pictures, MOST_PICTURES))
+    less = np.sqrt(USUAL_PICTURES / max(pictures, FEW_PICTURES))
     for name, rate in RATES.items():
         np.testing.assert_allclose(offsets[name], -rate * less, rtol=1e-4)
 
