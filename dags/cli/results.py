@@ -121,6 +121,7 @@ def export(
 
     Example: posegaussian export balance --path "arc cam01 cam02" --video out.mp4
     """
+    from posegaussian.dags.diagnostics.other_settings import made_otherwise
     from posegaussian.dags.export.request import ExportOrder
 
     folder = output or Path(f"{sequence}-{to}")
@@ -150,6 +151,7 @@ def export(
         order = replace(order, path=next(iter(configured or ()), None))
     p = session.plan(name, Selection(), (path,) if path is not None and order.renders else (), order.needed)
     order.check(p.context)
+    session.hint(made_otherwise(session.archive, p))
     outcome = session.run_and_report([p], Selection())
     if outcome:
         raise typer.Exit(outcome)
