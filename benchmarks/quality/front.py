@@ -57,6 +57,8 @@ CANDIDATES: Mapping[str, tuple[str, ...]] = {
     "default 200": ("refinement.steps=200", "refinement.worth=0"),
 }
 """{name: settings}."""
+PRESETS = {"half hull": "preview", "default": "balanced", "default 200": "dear"}
+"""{name here: what `run --budget` calls it}."""
 MEASURES = "metrics"
 SEQUENCE = ("survey", "judge", "tracks", "people")
 """Stages that are done once a sequence, however many frames it has."""
@@ -110,7 +112,9 @@ def mean(rows: list[dict[str, Any]], names: tuple[str, ...]) -> list[dict[str, A
 
 
 def draw(rows: list[dict[str, Any]], file: Path) -> None:
-    """Write a PNG: box PSNR and SSIM against CPU seconds a frame, every setting named, the front in red."""
+    """Write a PNG: box PSNR and SSIM against CPU seconds a frame, every setting named, presets as well, the front in
+    red."""
+    names = [f"{r['settings']} ({PRESETS[r['settings']]})" if r["settings"] in PRESETS else r["settings"] for r in rows]
     with chart(file, 11, 5.2) as figure:
         heading(figure, "What quality costs: simulated people at 512 px, means over scenes", weight="bold")
         for measure, axes in zip(("box psnr", "box ssim"), figure.subplots(1, 2), strict=True):
@@ -122,7 +126,7 @@ def draw(rows: list[dict[str, Any]], file: Path) -> None:
             axes.set_title(measure)
             seconds_axis(axes, "CPU seconds a frame", [x for x, _ in points])
             axes.margins(0.12)
-            name_points(axes, points, [r["settings"] for r in rows], [INK if on else FAINT for on in best], size=7.5)
+            name_points(axes, points, names, [INK if on else FAINT for on in best], size=7.5)
 
 
 def main() -> None:

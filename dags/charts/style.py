@@ -18,8 +18,9 @@ import numpy as np
 from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator, StrMethodFormatter
-from matplotlib.transforms import offset_copy
+from matplotlib.transforms import Affine2D, ScaledTranslation, offset_copy
 
 from posegaussian.storage.files.write import write_atomically
 
@@ -115,7 +116,8 @@ def name_points(
     colors: Sequence[str],
     **properties: Any,
 ) -> None:
-    """Write a name beside each point, where it hides the least of points, curves and other names.
+    """Write a name beside each point, where it hides the least of points, curves and other names; a thin line leads to
+    one that is not next to its point.
 
     To be called last: curves that are drawn and limits that are set later are not seen. `properties` are those of the
     text.
@@ -138,6 +140,20 @@ def name_points(
         dx, dy = (float(d) / px for d in offsets[best])
         label.set_transform(offset_copy(axes.transData, figure, x=dx, y=dy, units="points"))
         taken.append(boxes[best])
+        if best >= len(_DIRECTIONS):
+            left, low, right, high = boxes[best]
+            nearest = (float(np.clip(x, left, right) - x) / px, float(np.clip(y, low, high) - y) / px)
+            _lead(axes, point, nearest)
+
+
+def _lead(axes: Axes, point: tuple[float, float], end: tuple[float, float]) -> None:
+    """A thin line from a point to what is so many pt right of and above it; the figure's, for it is no curve."""
+    figure: Any = axes.get_figure(root=True)
+    data: Any = axes.transData
+    from_point = Affine2D().scale(1 / 72) + figure.dpi_scale_trans + ScaledTranslation(*point, data)
+    line = Line2D(*zip((0, 0), end, strict=True), color=FAINT, linewidth=0.5, transform=from_point)
+    line.set_in_layout(False)
+    figure.add_artist(line)
 
 
 def _square(x: float, y: float, across: float, up: float) -> np.ndarray:

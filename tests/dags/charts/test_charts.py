@@ -90,6 +90,22 @@ def test_names_hide_neither_points_nor_each_other(tmp_path: Path) -> None:
         assert np.hypot(*(np.mean([box.min, box.max], axis=0) - at[i])) < 120, "px: 0.8 inches at 150 dpi"
 
 
+def test_a_line_leads_from_a_point_to_a_name_that_is_not_next_to_it(tmp_path: Path) -> None:
+    with chart(tmp_path / "a.png", 4, 4) as figure:
+        axes = figure.subplots()
+        axes.plot(*zip(*CROWDED, strict=True), "o")
+        name_points(axes, CROWDED, [f"level number {i}" for i in range(len(CROWDED))], ["black"] * len(CROWDED), size=8)
+        at, boxes = axes.transData.transform(CROWDED), [t.get_window_extent() for t in axes.texts]
+        ends = [line.get_transform().transform(line.get_xydata()) for line in figure.artists]
+        gaps = [float(np.hypot(*(np.clip(p, b.min, b.max) - p))) for p, b in zip(at, boxes, strict=True)]
+    led = {int(np.argmin(np.hypot(*(at - start).T))): (start, end) for start, end in ends}
+    assert 0 < len(led) == len(ends) < len(CROWDED), "some names are next to their points and some are not"
+    for i, (start, end) in led.items():
+        np.testing.assert_allclose(start, at[i], atol=1e-6)
+        assert np.hypot(*(np.clip(end, boxes[i].min, boxes[i].max) - end)) < 3, "px: it ends at its name"
+    assert min(gaps[i] for i in led) > max(gap for i, gap in enumerate(gaps) if i not in led)
+
+
 def levels(*measures: str, seconds: float = 1.0) -> list[Level]:
     """Three levels of which the last is on no front."""
     values = {"psnr box": (20.0, 24.0, 22.0), "ssim box": (0.8, 0.9, 0.85), "epe": (2.0, 1.0, 1.5)}
