@@ -19,7 +19,8 @@ from posegaussian.stages.refinement.attributes import ViewGaussians
 from posegaussian.stages.refinement.judging import draw
 from posegaussian.stages.refinement.loss import Filmed
 from posegaussian.stages.refinement.optimise import Walk
-from posegaussian.stages.refinement.thinning import EVERY, thinned
+from posegaussian.stages.refinement.params import EVERY
+from posegaussian.stages.refinement.thinning import thinned
 from posegaussian.stages.splatting.definition.scene import Gaussians
 
 STEPS, WARM_UP = 50, 5

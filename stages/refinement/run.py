@@ -14,9 +14,9 @@ from posegaussian.stages.refinement.attributes import ViewGaussians, twist_of
 from posegaussian.stages.refinement.judging import Judge
 from posegaussian.stages.refinement.loss import Filmed
 from posegaussian.stages.refinement.optimise import Rehearsal, Walk, rehearse
-from posegaussian.stages.refinement.params import FEWEST, RefinementParams
+from posegaussian.stages.refinement.params import FEWEST, RefinementParams, pixels_a_gaussian
 from posegaussian.stages.refinement.schedule import Schedule, schedule
-from posegaussian.stages.refinement.thinning import pixels_a_gaussian, thinned
+from posegaussian.stages.refinement.thinning import thinned
 from posegaussian.stages.rendering.lift import GaussianMaps, lift
 from posegaussian.stages.rendering.sources import REFINED, unrefined_arrays
 from posegaussian.stages.splatting.definition.scene import Camera

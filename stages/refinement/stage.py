@@ -6,8 +6,7 @@ from posegaussian.stages.contract.declaration import Read, Resources, Stage
 from posegaussian.stages.contract.facts import FEW_SOURCES, Facts
 from posegaussian.stages.frames.effects import NOISE_AVERAGING
 from posegaussian.stages.network.params import TWISTED, depth_reads
-from posegaussian.stages.refinement.params import FEWEST, RefinementParams, halo
-from posegaussian.stages.refinement.thinning import pixels_a_gaussian
+from posegaussian.stages.refinement.params import FEWEST, RefinementParams, halo, pixels_a_gaussian
 from posegaussian.stages.rendering.sources import REFINEMENT, TWIST
 from posegaussian.storage.model.spec import ArraySpec, Shape
 

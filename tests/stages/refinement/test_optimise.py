@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from posegaussian.stages.refinement.attributes import SharedGaussians, ViewGaussians
 from posegaussian.stages.refinement.loss import Filmed
 from posegaussian.stages.refinement.optimise import FEW_PICTURES, NEWEST, RATES, USUAL_PICTURES, Walk, _Adam
-from posegaussian.stages.refinement.thinning import EVERY, thinned
+from posegaussian.stages.refinement.params import EVERY
+from posegaussian.stages.refinement.thinning import thinned
 from posegaussian.stages.rendering.lift import GaussianMaps
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
 from posegaussian.stages.splatting.definition.scene import Camera

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from posegaussian.stages.refinement.thinning import EVERY, LEAST, OPACITY, VIEWS, WIDER, pixels_a_gaussian, thinned
+from posegaussian.stages.refinement.params import EVERY, LEAST, VIEWS, pixels_a_gaussian
+from posegaussian.stages.refinement.thinning import OPACITY, WIDER, thinned
 from posegaussian.stages.rendering.lift import GaussianMaps
 
 
