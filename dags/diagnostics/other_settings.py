@@ -3,26 +3,26 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator, Mapping
 from typing import Any
 
 from posegaussian.dags.config.settings import GLOBAL, load_configuration
 from posegaussian.dags.diagnostics.run_log import SETTINGS
 from posegaussian.dags.humanize.text import number
+from posegaussian.dags.planning.explain import differences
 from posegaussian.dags.planning.plan import Plan, State
 from posegaussian.storage.archive.ledger import RUNS
 from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.model.errors import ConfigError
 
-APART = {*GLOBAL, "keep", "rendering.paths"}
-"""Settings in which commands of one and the same result may differ."""
+APART = {*GLOBAL, "keep"}
+"""Sections in which commands of one and the same result may differ."""
 MOST = 4
 """Differences that are told; the rest is counted."""
 
 
 def made_otherwise(archive: Archive, plan: Plan) -> list[str]:
     """One sentence where something of the plan is not up to date and the last run of its sequence had other settings:
-    which, how much is made anew, and the option by which what that run made is asked for; else none."""
+    which, how much is not as it is asked for now, and the option that asks for what that run made; else none."""
     context = plan.context
     old = sum(v.state is not State.FRESH for v in plan.verdicts.values())
     latest = max(plan.book.receipts.values(), key=lambda r: str(r.facts.get("started", "")), default=None)
@@ -35,9 +35,8 @@ def made_otherwise(archive: Archive, plan: Plan) -> list[str]:
         before = load_configuration(file).for_sequence(context.sequence.name)
     except ConfigError:  # of another version of the program
         return []
-    was, now = (dict(_flat(s.model_dump(mode="json"))) for s in (before, context.settings))
-    differ = (k for k in sorted({*was, *now}) if was.get(k) != now.get(k))
-    changed = [f"{k} {_text(was.get(k))} -> {_text(now.get(k))}" for k in differ]
+    was, now = (_deciding(s.model_dump(mode="json")) for s in (before, context.settings))
+    changed = list(differences(was, now))
     if not changed:
         return []
     told = ", ".join(changed[:MOST]) + (f" and {len(changed) - MOST} more" if len(changed) > MOST else "")
@@ -49,18 +48,7 @@ def made_otherwise(archive: Archive, plan: Plan) -> list[str]:
     return [sentence]
 
 
-def _flat(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    """(section.key, value) of everything that may change a result."""
-    for key, value in values.items():
-        name = f"{before}{key}"
-        if name in APART:
-            continue
-        if isinstance(value, Mapping):
-            yield from _flat(value, f"{name}.")
-        else:
-            yield name, value
-
-
-def _text(value: Any) -> str:
-    """As a configuration has it."""
-    return "null" if value is None else str(value)
+def _deciding(settings: dict[str, Any]) -> dict[str, Any]:
+    """What of settings may change a result, by section."""
+    found = {section: values for section, values in settings.items() if section not in APART}
+    return found | {"rendering": {k: v for k, v in found["rendering"].items() if k != "paths"}}

@@ -33,7 +33,7 @@ def said(pipeline: Pipeline) -> list[str]:
 
 def test_what_differs_is_named_and_the_option_given_asks_for_what_the_last_run_made(logged: Pipeline) -> None:
     (sentence,) = said(logged)
-    assert re.search(r"pose\.sigma 0\.07 -> 0\.\d+;", sentence), sentence
+    assert re.search(r"pose: sigma: 0\.07 -> 0\.\d+;", sentence), sentence
     assert "run.report" not in sentence, "no result depends on it"
     option, file = shlex.split(sentence)[-2:]
     assert option == "--config"

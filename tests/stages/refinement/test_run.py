@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from posegaussian.stages.contract.io import Block
 from posegaussian.stages.gaussians.params import GaussiansParams
 from posegaussian.stages.refinement.optimise import JUDGED_EVERY, WINDOW, _worth_more
-from posegaussian.stages.refinement.params import RefinementParams
+from posegaussian.stages.refinement.params import RefinementParams, pixels_a_gaussian
 from posegaussian.stages.refinement.run import check
 from posegaussian.stages.registry import stage
 from posegaussian.stages.rendering.sources import REFINED, unrefined_arrays
@@ -110,14 +110,15 @@ def test_true_maps_do_not_get_worse_for_the_judge(person: PersonCapture, true: d
     assert out[AFTER] <= out[BEFORE]
 
 
-def test_every_attribute_is_optimised_and_a_sixth_of_the_gaussians_is_left(
+def test_every_attribute_is_optimised_and_few_of_the_gaussians_are_left(
     person: PersonCapture, spoilt: dict[str, np.ndarray]
 ) -> None:
     out = refine(person, spoilt, 12, frames=1)
     some = (spoilt["gaussians/opacity"][:1] > 0).any(axis=2)
     left = (out["refinement/opacity"] > 0).any(axis=2)
     assert not (left & ~some).any()
-    assert 0.12 < left.sum() / some.sum() < 0.21
+    every = pixels_a_gaussian(len(person.views.sources))
+    assert abs(left.sum() / some.sum() * every - 1) < 0.1  # of a few hundred pixels a view, evenly
     for after, before in GIVEN.items():
         assert np.isfinite(out[after]).all()
         moved = np.asarray(out[after] != spoilt[before][:1])
