@@ -62,6 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for row in rows(given.part, setup):
             out.write(json.dumps(asdict(row)) + "\n")
             out.flush()
+            print(row.told, flush=True)
             failed |= row.wrong
     sys.exit(failed)
 

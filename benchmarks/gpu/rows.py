@@ -11,6 +11,8 @@ from typing import Any
 
 import torch
 
+from benchmarks.report import rounded
+
 SMALL = 16
 """Px of whatever is drawn or filmed where figures do not count."""
 WARM_UP = 5
@@ -31,6 +33,12 @@ class Row:
     """The device that computed."""
     wrong: bool = False
     """Whether it tells of a failure."""
+
+    @property
+    def told(self) -> str:
+        """As a line, for those who wait for the table."""
+        figure = f"{rounded(self.figure):,g} {self.unit}" if isinstance(self.figure, float) else self.figure
+        return ", ".join(word for word in (self.what, self.size) if word) + f": {figure}".rstrip()
 
 
 @dataclass(frozen=True)

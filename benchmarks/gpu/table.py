@@ -4,8 +4,9 @@ the network, steps of refinement, a whole frame, and training for some minutes.
     python -m benchmarks.gpu.table [--minutes 10] [--parts tests renderer ...] [--repeats 50] [--limit 20]
 
 or `make gpu`, with `GPU_PYTHON=/path/to/python` for a Python of yours that has a CUDA build of torch, into which
-nothing is installed. Each part runs in a process of its own, for --limit minutes at most, training beyond its own. The
-table is printed; with a CUDA device it is written, after every part, to benchmarks/results/gpu.md and gpu.json.
+nothing is installed. Each part runs in a process of its own, for --limit minutes at most, training beyond its own. Rows
+are printed as they are measured, and once more as a table, which with a CUDA device is written, after every part, to
+benchmarks/results/gpu.md and gpu.json.
 
 Without one every part runs all the same, small and on the CPU, kernels in Triton's interpreter: so the command is
 tested wherever it is changed. The table then says "not measured here" in every row that needs a device, and no file is
@@ -19,6 +20,7 @@ import json
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -96,8 +98,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     words = [w for k in ("minutes", "repeats", "training") for w in (f"--{k}", str(settings[k]))]
     for part in given.parts:
         print(f"--- {part}", flush=True)
-        minutes = given.limit + (given.minutes if part == "training" else 0)
+        minutes, begun = given.limit + (given.minutes if part == "training" else 0), time.monotonic()
         rows += run(part, ["--device", device.type, *words], minutes)
+        print(f"({time.monotonic() - begun:.0f} s)", flush=True)
         if any(measured(row) for row in rows):
             write(rows, about, settings)
     print("\n" + markdown(rows, about))

@@ -1,8 +1,8 @@
-"""The GPU back end: projection and tile lists by torch on the device, compositing by Triton kernels of our own.
+"""The GPU back end: projection and compositing by Triton kernels of our own, tile lists by torch's sorts on the device.
 
-project (projection.py) -> list tiles and sort -> composite, and back: slots -> Gaussians -> autograd through the
-projection, cameras included. Nothing is added by atomics: an intersection has its slot and slots are summed in one
-order, so that two runs give the same bits.
+project -> sort by depth -> list tiles -> composite, and back: slots -> sums of each Gaussian -> projection, cameras
+included. Nothing is added by atomics: an intersection has its slot and slots are summed in one order, so that two runs
+give the same bits.
 
 It is the only engine. gsplat 1.5 computes something else: its constants are compiled in (alpha cap 0.999, stop at
 1e-4), its backward pass adds by atomics in whatever order, intrinsics get no gradient, and what is not finite is
@@ -10,23 +10,21 @@ neither masked nor counted. Beside this one it would make `gpu` two back ends of
 benchmarks/gpu/renderer.py times it where it is installed.
 
 Without a GPU the kernels run on the CPU in Triton's interpreter, slowly, where TRITON_INTERPRET=1 is set before Triton
-is
-imported: this is for tests. Triton 3.2 and 3.9 compile them for a GPU; they have not been run on one yet.
+is imported: this is for tests.
 """
 
 from __future__ import annotations
 
 import logging
 import os
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 
-from posegaussian.stages.splatting.definition.projection import project
-from posegaussian.stages.splatting.definition.reference import ByDepth, sorted_by_depth
 from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Gaussians
 from posegaussian.stages.splatting.gpu.tiles import GpuTileLists, list_tiles
 
@@ -122,11 +120,6 @@ def lacks(device: torch.device) -> str | None:
     )
 
 
-def padded(features: torch.Tensor) -> torch.Tensor:
-    """[K, 16] rows as the kernels read them, of features [K, 14]."""
-    return torch.nn.functional.pad(features.detach(), (0, 2))
-
-
 def draw(rows: torch.Tensor, lists: GpuTileLists, task: GpuJob, training: bool) -> Drawn:
     """Composite rows [K, 16] by their lists."""
     from posegaussian.stages.splatting.gpu.composite import composite
@@ -157,7 +150,7 @@ def draw(rows: torch.Tensor, lists: GpuTileLists, task: GpuJob, training: bool) 
     return out
 
 
-def draw_backward(
+def slot_sums(
     rows: torch.Tensor,
     lists: GpuTileLists,
     task: GpuJob,
@@ -165,7 +158,7 @@ def draw_backward(
     up_picture: torch.Tensor,
     up_alpha: torch.Tensor,
 ) -> torch.Tensor:
-    """[K, 14] gradients of the features, from those of picture and alpha."""
+    """[K, SLOT] sums of each Gaussian's gradient slots, from the gradients of picture and alpha."""
     from posegaussian.stages.splatting.gpu.composite import SLOT, composite_backward
 
     w, h, cuts, shape = task.camera.width, task.camera.height, task.cutoffs, task.shape
@@ -192,48 +185,96 @@ def draw_backward(
             num_warps=shape.warps,
             enable_fp_fusion=True,
         )
-    return from_moments(rows, torch.segment_reduce(slots, "sum", offsets=lists.bases, axis=0, unsafe=True))
+    return torch.segment_reduce(slots, "sum", offsets=lists.bases, axis=0, unsafe=True)
 
 
-def from_moments(rows: torch.Tensor, sums: torch.Tensor) -> torch.Tensor:
-    """[K, 14] gradients of the features, from each Gaussian's sum of slots [K, 16].
+class Projected(NamedTuple):
+    """The K Gaussians that can reach a tile, nearest first, ties by index."""
 
-    With m = alpha dL/dalpha, (p, q) = W d and the sums of m, m p, ..., m q^2: dL/dcentre = W^T (m p, m q), dL/dopacity
-    = m / o, dL/dW = -(m p, m q) d^T = -[[m p^2, m p q], [m p q, m q^2]] W^-T.
-    """
-    p0, p1, q0, q1, opacity = rows[:, 2:7].unbind(1)
-    m, mp, mq, mpp, mpq, mqq = sums[:, :6].unbind(1)
-    det = p0 * q1 - p1 * q0
-    shape = [p1 * mpq - q1 * mpp, q0 * mpp - p0 * mpq, p1 * mqq - q1 * mpq, q0 * mpq - p0 * mqq]
-    moved = [p0 * mp + q0 * mq, p1 * mp + q1 * mq, *(s / det for s in shape), m / opacity]
-    return torch.cat([torch.stack(moved, dim=1), sums[:, 6:13]], dim=1)
+    rows: torch.Tensor  # [K, ROW]
+    boxes: torch.Tensor  # [K, 4] int32
+    """Tiles x0, y0, x1, y1, half open."""
+    ids: torch.Tensor  # [K] int64
+    """Which of the input's they are."""
+    masked: int
+    """Of the input's, those left out because they or their projections are not finite."""
 
 
-def project_backward(leaves: list[torch.Tensor], kept: ByDepth, up: torch.Tensor) -> list[torch.Tensor]:
-    """Gradients of the leaves, from those of the features [K, 14]; a Gaussian whose gradient is beyond float32 gets
-    none and adds none to the camera's."""
+def project_sorted(attributes: Sequence[torch.Tensor], view: torch.Tensor, task: GpuJob) -> Projected:
+    """Project Gaussians, given by contiguous float32 `ATTRIBUTES`, and sort those that are seen."""
+    from posegaussian.stages.splatting.gpu import projection
 
-    def through(rows: torch.Tensor) -> list[torch.Tensor]:
-        given = torch.where(rows[:, None], up, 0.0)
-        return list(
-            torch.autograd.grad(
-                kept.features, leaves, given, retain_graph=True, allow_unused=True, materialize_grads=True
-            )
+    number, opacity = len(attributes[0]), attributes[3]
+    rows = opacity.new_empty((number, projection.ROW))
+    boxes, masked = opacity.new_empty((number, 4), dtype=torch.int32), opacity.new_empty(number, dtype=torch.int32)
+    with torch.cuda.device_of(opacity):
+        projection.project[(-(-number // projection.BLOCK),)](
+            *attributes,
+            view,
+            rows,
+            boxes,
+            masked,
+            number,
+            TILE=task.shape.tile,
+            COMPENSATED=task.cutoffs.compensation,
+            BLOCK=projection.BLOCK,
+            enable_fp_fusion=False,
         )
+    seen = torch.nonzero(boxes[:, 2])[:, 0]
+    ids = seen[torch.argsort(rows[seen, projection.DEPTH], stable=True)]
+    return Projected(rows.index_select(0, ids), boxes.index_select(0, ids), ids, int(masked.sum()))
 
-    sound = torch.isfinite(up).all(dim=1)
-    found = through(sound)
-    finite = torch.stack([torch.isfinite(g[:, None]).flatten(1).all(dim=1) for g in found[:5]]).all(dim=0)  # [N]
-    cameras = [torch.isfinite(g).all().to(up.device) for g in found[5:]]
-    if bool(torch.stack([sound.all(), finite.all(), *cameras]).all()):
-        return found
-    sound &= finite[kept.ids]
-    log.warning(
-        "the gradients of %d Gaussians are beyond float32 and were set to 0: their colours, scales or upstream"
-        " gradients are too large",
-        int((~sound).sum()),
-    )
-    return [torch.nan_to_num(g, nan=0.0, posinf=0.0, neginf=0.0) for g in through(sound)]
+
+def project_backward(
+    attributes: Sequence[torch.Tensor],
+    view: torch.Tensor,
+    ids: torch.Tensor,
+    sums: torch.Tensor,
+    task: GpuJob,
+    camera: bool,
+) -> tuple[list[torch.Tensor], torch.Tensor]:
+    """(gradients of `ATTRIBUTES`, gradients [CAMERA_GRADIENTS] of the camera, 0 unless asked for), from the sums of
+    slots; a Gaussian whose gradient is beyond float32 gets none and adds none to the camera's."""
+    from posegaussian.stages.splatting.gpu import projection_backward as kernels
+
+    gradients = [torch.zeros_like(values) for values in attributes]
+    shares = sums.new_zeros((len(ids) if camera else 0, kernels.CAMERA_GRADIENTS))
+    dropped = torch.empty(len(ids), dtype=torch.int32, device=sums.device)
+    with torch.cuda.device_of(sums):
+        kernels.project_backward[(-(-len(ids) // kernels.BLOCK),)](
+            *attributes[:4],
+            view,
+            ids,
+            sums,
+            *gradients,
+            shares,
+            dropped,
+            len(ids),
+            CHANNELS=task.channels,
+            COMPENSATED=task.cutoffs.compensation,
+            CAMERA=camera,
+            BLOCK=kernels.BLOCK,
+            enable_fp_fusion=False,
+        )
+    if beyond := int(dropped.sum()):
+        log.warning(
+            "the gradients of %d Gaussians are beyond float32 and were set to 0: their colours, scales or upstream"
+            " gradients are too large",
+            beyond,
+        )
+    return gradients, torch.nan_to_num(shares, nan=0.0, posinf=0.0, neginf=0.0).sum(dim=0, dtype=torch.float64)
+
+
+def camera_gradients(found: torch.Tensor, intrinsics: torch.Tensor, pose: torch.Tensor) -> list[torch.Tensor]:
+    """Of both matrices, as they were given, from the numbers in the order of `CAMERA_GRADIENTS`; a sum beyond the
+    matrix's numbers is 0."""
+    k, to_camera = found.new_zeros((3, 3)), found.new_zeros((4, 4))
+    k.view(-1)[[0, 1, 2, 4, 5]] = found[12:]
+    to_camera[:3, :3], to_camera[:3, 3] = found[:9].view(3, 3), found[9:12]
+    return [
+        torch.nan_to_num(g.to(like.device, like.dtype), nan=0.0, posinf=0.0, neginf=0.0)
+        for g, like in ((k, intrinsics), (to_camera, pose))
+    ]
 
 
 class _Rasterize(torch.autograd.Function):
@@ -251,29 +292,27 @@ class _Rasterize(torch.autograd.Function):
         pose: torch.Tensor,
         task: GpuJob,
     ) -> Any:
+        from posegaussian.stages.splatting.gpu.projection import view_of
+
         training = any(ctx.needs_input_grad)
-        leaves = [
-            t.detach().requires_grad_(training) for t in (mean, rotation, scale, opacity, color, intrinsics, pose)
-        ]
-        with torch.set_grad_enabled(training):
-            projected = project(
-                Gaussians(*leaves[:5]),
-                Camera(leaves[5], leaves[6], task.camera.width, task.camera.height),
-                task.cutoffs,
-            )
-            kept = sorted_by_depth(projected, task.camera, task.shape.tile)
-        rows, lists = padded(kept.features), list_tiles(kept.boxes, task.camera, task.shape.tile)
-        drawn = draw(rows, lists, task, training)
+        attributes = [t.detach().contiguous() for t in (mean, rotation, scale, opacity, color)]
+        view = view_of(replace(task.camera, intrinsics=intrinsics, world_to_camera=pose), task.cutoffs, mean.device)
+        projected = project_sorted(attributes, view, task)
+        lists = list_tiles(projected.boxes, task.camera, task.shape.tile)
+        drawn = draw(projected.rows, lists, task, training)
         if training:
-            ctx.saved = (leaves, kept, rows, lists, task, drawn)
+            ctx.saved = (attributes, view, projected, lists, drawn, task, intrinsics.detach(), pose.detach())
         ctx.mark_non_differentiable(masked := torch.tensor(projected.masked))
         return drawn.picture, drawn.alpha, masked
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, d_picture: torch.Tensor, d_alpha: torch.Tensor, _: Any) -> Any:
-        leaves, kept, rows, lists, task, drawn = ctx.saved
-        return (*project_backward(leaves, kept, draw_backward(rows, lists, task, drawn, d_picture, d_alpha)), None)
+        attributes, view, projected, lists, drawn, task, *matrices = ctx.saved
+        sums = slot_sums(projected.rows, lists, task, drawn, d_picture, d_alpha)
+        camera = any(ctx.needs_input_grad[5:7])
+        gradients, found = project_backward(attributes, view, projected.ids, sums, task, camera)
+        return (*gradients, *(camera_gradients(found, *matrices) if camera else (None, None)), None)
 
 
 def render(

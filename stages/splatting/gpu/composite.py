@@ -12,11 +12,9 @@ from __future__ import annotations
 import triton
 import triton.language as tl
 
+from posegaussian.stages.splatting.gpu.projection import ROW
 from posegaussian.storage.model.cameras import PIXEL_CENTRE
 
-ROW = 16
-"""float32 of a Gaussian's row, a power of two: u, v, whitening (4), opacity, colour (3), depth, normal (3), padding.
-reference.py makes the first 14."""
 SLOT = 16
 MASS, MP, MQ, MPP, MPQ, MQQ, D_COLOR, D_DEPTH, D_NORMAL = 0, 1, 2, 3, 4, 5, 6, 9, 10
 """Places in a gradient slot: moments of alpha dL/dalpha in the whitened coordinates p and q, and gradients of
