@@ -154,11 +154,13 @@ def slot_sums(
     rows: torch.Tensor,
     lists: GpuTileLists,
     task: GpuJob,
-    drawn: Drawn,
+    light: torch.Tensor,
+    ends: torch.Tensor,
     up_picture: torch.Tensor,
     up_alpha: torch.Tensor,
 ) -> torch.Tensor:
-    """[K, SLOT] sums of each Gaussian's gradient slots, from the gradients of picture and alpha."""
+    """[K, SLOT] sums of each Gaussian's gradient slots, from what compositing left and the gradients of picture and
+    alpha."""
     from posegaussian.stages.splatting.gpu.composite import SLOT, composite_backward
 
     w, h, cuts, shape = task.camera.width, task.camera.height, task.cutoffs, task.shape
@@ -169,8 +171,8 @@ def slot_sums(
             lists.ids,
             lists.slots,
             lists.starts,
-            drawn.light,
-            drawn.ends,
+            light,
+            ends,
             up_picture.contiguous(),
             up_alpha.contiguous(),
             slots,
@@ -222,7 +224,7 @@ def project_sorted(attributes: Sequence[torch.Tensor], view: torch.Tensor, task:
         )
     seen = torch.nonzero(boxes[:, 2])[:, 0]
     ids = seen[torch.argsort(rows[seen, projection.DEPTH], stable=True)]
-    return Projected(rows.index_select(0, ids), boxes.index_select(0, ids), ids, int(masked.sum()))
+    return Projected(rows[ids], boxes[ids], ids, int(masked.sum()))
 
 
 def project_backward(
@@ -301,15 +303,17 @@ class _Rasterize(torch.autograd.Function):
         lists = list_tiles(projected.boxes, task.camera, task.shape.tile)
         drawn = draw(projected.rows, lists, task, training)
         if training:
-            ctx.saved = (attributes, view, projected, lists, drawn, task, intrinsics.detach(), pose.detach())
+            # not the pictures: what is returned holds ctx, and both would live until the collector came by
+            kept = (attributes, view, projected, lists, drawn.light, drawn.ends)
+            ctx.saved = (*kept, task, intrinsics.detach(), pose.detach())
         ctx.mark_non_differentiable(masked := torch.tensor(projected.masked))
         return drawn.picture, drawn.alpha, masked
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, d_picture: torch.Tensor, d_alpha: torch.Tensor, _: Any) -> Any:
-        attributes, view, projected, lists, drawn, task, *matrices = ctx.saved
-        sums = slot_sums(projected.rows, lists, task, drawn, d_picture, d_alpha)
+        attributes, view, projected, lists, light, ends, task, *matrices = ctx.saved
+        sums = slot_sums(projected.rows, lists, task, light, ends, d_picture, d_alpha)
         camera = any(ctx.needs_input_grad[5:7])
         gradients, found = project_backward(attributes, view, projected.ids, sums, task, camera)
         return (*gradients, *(camera_gradients(found, *matrices) if camera else (None, None)), None)

@@ -2,11 +2,14 @@
 Hard cases: tests/hard_cases."""
 
 import dataclasses
+import gc
 import logging
 import os
 import subprocess
 import sys
+import weakref
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -153,6 +156,30 @@ def test_cameras_that_have_no_gradient_and_gaussians_that_have_none() -> None:
     first, second = (torch.autograd.grad(out.alpha.sum(), pose, retain_graph=True)[0] for _ in range(2))
     assert first.any()
     assert torch.equal(first, second)
+
+
+@needs_triton
+@pytest.mark.usefixtures("quick")
+def test_a_picture_that_is_dropped_gives_back_its_memory_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not when Python's collector comes by: hundreds of MiB a picture would pile up on a device until then."""
+    kept: list[weakref.ref[torch.Tensor]] = []
+
+    def watched(*given: Any) -> backend.Drawn:
+        made = real(*given)
+        kept.append(weakref.ref(made.light))
+        return made
+
+    real = backend.draw
+    monkeypatch.setattr(backend, "draw", watched)
+    leaves = {n: getattr(cloud(5, dtype=torch.float32), n).requires_grad_() for n in FIELDS}
+    gc.disable()
+    try:
+        out = draw(Gaussians(**leaves), camera())
+        assert kept[0]() is not None  # its backward pass may come
+        del out
+        assert kept[0]() is None
+    finally:
+        gc.enable()
 
 
 @needs_triton
