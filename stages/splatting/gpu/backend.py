@@ -190,7 +190,7 @@ def slot_sums(
     return torch.segment_reduce(slots, "sum", offsets=lists.bases, axis=0, unsafe=True)
 
 
-class Projected(NamedTuple):
+class SortedRows(NamedTuple):
     """The K Gaussians that can reach a tile, nearest first, ties by index."""
 
     rows: torch.Tensor  # [K, ROW]
@@ -202,7 +202,7 @@ class Projected(NamedTuple):
     """Of the input's, those left out because they or their projections are not finite."""
 
 
-def project_sorted(attributes: Sequence[torch.Tensor], view: torch.Tensor, task: GpuJob) -> Projected:
+def project_sorted(attributes: Sequence[torch.Tensor], view: torch.Tensor, task: GpuJob) -> SortedRows:
     """Project Gaussians, given by contiguous float32 `ATTRIBUTES`, and sort those that are seen."""
     from posegaussian.stages.splatting.gpu import projection
 
@@ -224,7 +224,7 @@ def project_sorted(attributes: Sequence[torch.Tensor], view: torch.Tensor, task:
         )
     seen = torch.nonzero(boxes[:, 2])[:, 0]
     ids = seen[torch.argsort(rows[seen, projection.DEPTH], stable=True)]
-    return Projected(rows[ids], boxes[ids], ids, int(masked.sum()))
+    return SortedRows(rows[ids], boxes[ids], ids, int(masked.sum()))
 
 
 def project_backward(
@@ -234,9 +234,9 @@ def project_backward(
     sums: torch.Tensor,
     task: GpuJob,
     camera: bool,
-) -> tuple[list[torch.Tensor], torch.Tensor]:
-    """(gradients of `ATTRIBUTES`, gradients [CAMERA_GRADIENTS] of the camera, 0 unless asked for), from the sums of
-    slots; a Gaussian whose gradient is beyond float32 gets none and adds none to the camera's."""
+) -> tuple[list[torch.Tensor], torch.Tensor | None]:
+    """(gradients of `ATTRIBUTES`, gradients [CAMERA_GRADIENTS] float64 of the camera where asked for), from the sums of
+    slots; a Gaussian whose gradient is beyond float32 gets none and adds none to the camera's, and is counted aloud."""
     from posegaussian.stages.splatting.gpu import projection_backward as kernels
 
     gradients = [torch.zeros_like(values) for values in attributes]
@@ -264,7 +264,7 @@ def project_backward(
             " gradients are too large",
             beyond,
         )
-    return gradients, torch.nan_to_num(shares, nan=0.0, posinf=0.0, neginf=0.0).sum(dim=0, dtype=torch.float64)
+    return gradients, shares.sum(dim=0, dtype=torch.float64) if camera else None
 
 
 def camera_gradients(found: torch.Tensor, intrinsics: torch.Tensor, pose: torch.Tensor) -> list[torch.Tensor]:
@@ -304,19 +304,22 @@ class _Rasterize(torch.autograd.Function):
         drawn = draw(projected.rows, lists, task, training)
         if training:
             # not the pictures: what is returned holds ctx, and both would live until the collector came by
-            kept = (attributes, view, projected, lists, drawn.light, drawn.ends)
-            ctx.saved = (*kept, task, intrinsics.detach(), pose.detach())
+            kept = (*attributes, view, projected.rows, projected.ids, *lists, drawn.light, drawn.ends)
+            ctx.save_for_backward(*kept, intrinsics, pose)
+            ctx.task = task
         ctx.mark_non_differentiable(masked := torch.tensor(projected.masked))
         return drawn.picture, drawn.alpha, masked
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, d_picture: torch.Tensor, d_alpha: torch.Tensor, _: Any) -> Any:
-        attributes, view, projected, lists, light, ends, task, *matrices = ctx.saved
-        sums = slot_sums(projected.rows, lists, task, light, ends, d_picture, d_alpha)
-        camera = any(ctx.needs_input_grad[5:7])
-        gradients, found = project_backward(attributes, view, projected.ids, sums, task, camera)
-        return (*gradients, *(camera_gradients(found, *matrices) if camera else (None, None)), None)
+        kept = ctx.saved_tensors
+        attributes, (view, rows, ids), lists = kept[:5], kept[5:8], GpuTileLists(*kept[8:12])
+        light, ends, intrinsics, pose = kept[12:]
+        sums = slot_sums(rows, lists, ctx.task, light, ends, d_picture, d_alpha)
+        gradients, found = project_backward(attributes, view, ids, sums, ctx.task, any(ctx.needs_input_grad[5:7]))
+        cameras = (None, None) if found is None else camera_gradients(found, intrinsics, pose)
+        return (*gradients, *cameras, None)
 
 
 def render(

@@ -33,7 +33,8 @@ def _pixels(tile, across, width, height, TILE: tl.constexpr):
 
 @triton.jit
 def _alphas(row, listed, x, y):
-    """(p, q, alpha before the cap), each [CHUNK, pixels], of Gaussians whose rows begin at `row` [CHUNK]."""
+    """(p, q, alpha before the cap), each [CHUNK, pixels], of Gaussians whose rows begin at `row` [CHUNK]. This alpha
+    tells what touches a pixel: on a device one that is no number would be the cap after it."""
     u, v = tl.load(row, mask=listed, other=0.0), tl.load(row + 1, mask=listed, other=0.0)
     p0, p1 = tl.load(row + 2, mask=listed, other=0.0), tl.load(row + 3, mask=listed, other=0.0)
     q0, q1 = tl.load(row + 4, mask=listed, other=0.0), tl.load(row + 5, mask=listed, other=0.0)
@@ -73,7 +74,7 @@ def composite(
         row = rows + tl.load(ids + j, mask=listed, other=0).to(tl.int64) * _ROW
         _, _, raw = _alphas(row, listed, x, y)
         opacity = tl.minimum(raw, alpha_max)
-        touched = listed[:, None] & (opacity >= alpha_min)
+        touched = listed[:, None] & (raw >= alpha_min)
         opacity = tl.where(touched, opacity, 0.0)
         clear = 1.0 - opacity
         behind = tl.cumprod(tl.where(nearest, through[None, :] * clear, clear), 0)
@@ -148,7 +149,7 @@ def composite_backward(
         row = rows + tl.load(ids + j, mask=listed, other=0).to(tl.int64) * _ROW
         p, q, raw = _alphas(row, listed, x, y)
         opacity = tl.minimum(raw, alpha_max)
-        touched = listed[:, None] & (opacity >= alpha_min) & (j[:, None] < end[None, :])
+        touched = listed[:, None] & (raw >= alpha_min) & (j[:, None] < end[None, :])
         opacity = tl.where(touched, opacity, 0.0)
         lift = 1.0 / (1.0 - opacity)
         before = tl.cumprod(tl.where(farthest, through[None, :] * lift, lift), 0, reverse=True)

@@ -37,7 +37,8 @@ _WIDTH, _HEIGHT = tl.constexpr(WIDTH), tl.constexpr(HEIGHT)
 
 
 def view_of(camera: Camera, cutoffs: Cutoffs, device: torch.device) -> torch.Tensor:
-    """The float32 that the kernels read of a camera and its cut-offs, on the device."""
+    """[29] float32 that the kernels read of a camera and its cut-offs, on the device: px and metres, in the order of
+    the places above."""
     k, pose = (
         np.asarray(m.detach().cpu() if isinstance(m, torch.Tensor) else m).astype(np.float32)
         for m in (camera.intrinsics, camera.world_to_camera)
@@ -173,7 +174,8 @@ def project(
     TILE: tl.constexpr, COMPENSATED: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
     """Fill rows [N, ROW], boxes [N, 4] int32 (tiles x0, y0, x1, y1, half open) and masked [N] int32, 1 where an input
-    or its projection is not finite."""
+    or its projection is not finite, of mean [N, 3], rotation [N, 3, 3], scale [N, 3], opacity [N] and color [N, 3],
+    contiguous float32 as `Gaussians` has them, and a view."""
     i = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     listed = i < number
     i = i.to(tl.int64)

@@ -55,10 +55,12 @@ def project_backward(
     number,
     CHANNELS: tl.constexpr, COMPENSATED: tl.constexpr, CAMERA: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """Fill the gradients of the K Gaussians `ids` at their own places, from sums [K, SLOT]; with CAMERA, also of
-    d_camera [K, CAMERA_GRADIENTS], what each adds to the camera's.
+    """Fill the gradients of the K Gaussians `ids` [K] int64 at their own places, from sums [K, SLOT]; with CAMERA, also
+    d_camera [K, CAMERA_GRADIENTS], what each adds to the camera's. Attributes and gradients as `project` takes the
+    former; what is not filled must be 0.
 
-    dropped [K] int32 gets 1 where one of a Gaussian's is beyond float32: all of its are 0 then, the camera's too.
+    dropped [K] int32 gets 1 where one of a Gaussian's numbers is beyond float32: where it is one of its own, all of its
+    stay 0, the camera's too; where it is one of the camera's, those alone.
     """
     k = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     listed = k < number
@@ -140,7 +142,6 @@ def project_backward(
     sound = finite(m0) & finite(m1) & finite(m2) & finite(t0) & finite(t1) & finite(t2) & finite(d_given)
     sound &= finite(d0) & finite(d1) & finite(d2) & finite(d3) & finite(d4) & finite(d5)
     sound &= finite(d6) & finite(d7) & finite(d8) & finite(red) & finite(green) & finite(blue)
-    tl.store(dropped + k, (~sound).to(tl.int32), mask=listed)
     kept = listed & sound  # what is not written stays 0
     _store_triple(d_mean, 3 * i, m0, m1, m2, kept)
     _store_triple(d_rotation, 9 * i, d0, d1, d2, kept)
@@ -153,30 +154,22 @@ def project_backward(
         turn, lowered = fx * near_x + skew * near_y, fy * near_y
         i0, i1, i2 = tl.div_rn(g0, z), tl.div_rn(g1, z), tl.div_rn(g2, z)
         o0, o1, o2 = tl.div_rn(h0, z), tl.div_rn(h1, z), tl.div_rn(h2, z)
-        to = d_camera + k * _CAMERA_GRADIENTS
-        _store_triple(
-            to, 0, fx * i0 + mx * dx + u0 * r2, fx * i1 + my * dx + u0 * r5, fx * i2 + mz * dx + u0 * r8, kept
-        )
-        _store_triple(
-            to,
-            3,
-            skew * i0 + fy * o0 + mx * dy + u1 * r2,
-            skew * i1 + fy * o1 + my * dy + u1 * r5,
-            skew * i2 + fy * o2 + mz * dy + u1 * r8,
-            kept,
-        )
-        _store_triple(
-            to,
-            6,
-            mx * dz + u2 * r2 - turn * i0 - lowered * o0,
-            my * dz + u2 * r5 - turn * i1 - lowered * o1,
-            mz * dz + u2 * r8 - turn * i2 - lowered * o2,
-            kept,
-        )
+        c0, c1, c2 = fx * i0 + mx * dx + u0 * r2, fx * i1 + my * dx + u0 * r5, fx * i2 + mz * dx + u0 * r8
+        c3, c4 = skew * i0 + fy * o0 + mx * dy + u1 * r2, skew * i1 + fy * o1 + my * dy + u1 * r5
+        c5, c6 = skew * i2 + fy * o2 + mz * dy + u1 * r8, mx * dz + u2 * r2 - turn * i0 - lowered * o0
+        c7, c8 = my * dz + u2 * r5 - turn * i1 - lowered * o1, mz * dz + u2 * r8 - turn * i2 - lowered * o2
+        d_fx = xz * du + tl.div_rn(dot(g0, g1, g2, w0, w1, w2), z) - near_x * x_far
+        d_skew = yz * du + tl.div_rn(dot(g0, g1, g2, w3, w4, w5), z) - near_y * x_far
+        d_fy = yz * dv + tl.div_rn(dot(h0, h1, h2, w3, w4, w5), z) - near_y * y_far
+        sound &= finite(c0) & finite(c1) & finite(c2) & finite(c3) & finite(c4) & finite(c5) & finite(c6) & finite(c7)
+        sound &= finite(c8) & finite(dx) & finite(dy) & finite(dz) & finite(d_fx) & finite(d_skew) & finite(d_fy)
+        sound &= finite(du) & finite(dv)
+        kept, to = listed & sound, d_camera + k * _CAMERA_GRADIENTS
+        _store_triple(to, 0, c0, c1, c2, kept)
+        _store_triple(to, 3, c3, c4, c5, kept)
+        _store_triple(to, 6, c6, c7, c8, kept)
         _store_triple(to, 9, dx, dy, dz, kept)
-        px, py = dot(g0, g1, g2, w0, w1, w2), dot(g0, g1, g2, w3, w4, w5)
-        tl.store(to + 12, xz * du + tl.div_rn(px, z) - near_x * x_far, mask=kept)
-        tl.store(to + 13, yz * du + tl.div_rn(py, z) - near_y * x_far, mask=kept)
-        tl.store(to + 14, du, mask=kept)
-        tl.store(to + 15, yz * dv + tl.div_rn(dot(h0, h1, h2, w3, w4, w5), z) - near_y * y_far, mask=kept)
+        _store_triple(to, 12, d_fx, d_skew, du, kept)
+        tl.store(to + 15, d_fy, mask=kept)
         tl.store(to + 16, dv, mask=kept)
+    tl.store(dropped + k, (~sound).to(tl.int32), mask=listed)

@@ -31,7 +31,7 @@ class GpuTileLists(NamedTuple):
 
 
 def list_tiles(boxes: torch.Tensor, camera: Camera, tile: int) -> GpuTileLists:
-    """Lists of boxes [K, 4] int64 of tiles (x0, y0, x1, y1), half open,
+    """Lists of boxes [K, 4] int32 or int64 of tiles (x0, y0, x1, y1), half open,
     of Gaussians sorted by depth. Raises TooLarge."""
     across, down = -(-camera.width // tile), -(-camera.height // tile)
     x0, y0, x1, y1 = boxes.unbind(1)
