@@ -7,7 +7,8 @@
 
 Eight cameras on a ring, or those of a scene like a capture; two held out in the middle of gaps, one frame a scene.
 `floor` is the pipeline without network and refinement, `refinement default` as it is set by default, `refinement STEPS`
-the same but for that many steps as far as they gain anything, from the network's Gaussians where the judge lets it;
+the same but for that many steps as far as they gain anything, from the network's Gaussians where the judge lets it,
+`refinement 1/10` the default with a Gaussian at a tenth of the source pictures' pixels (`--steps default 1/10`);
 seconds are the CPU seconds a frame of all stages from frames to the rendering of both held-out pictures. `3dgs` is
 per-scene splatting from points on the visual hull, with densification (benchmarks/baselines/splatting.py); its seconds
 are CPU seconds of the optimisation alone. Box PSNR is that of the held-out pictures, clipped to the source masks' hull
@@ -37,6 +38,7 @@ from posegaussian.dags.runtime.threads import limit
 from posegaussian.dags.simulation.simulated_run import run_capture
 from posegaussian.stages.metrics.params import MetricsParams
 from posegaussian.stages.metrics.run import measure
+from posegaussian.stages.refinement.params import RefinementParams, pixels_a_gaussian
 from posegaussian.stages.rendering.run import quantise
 
 GAIN = 1.5
@@ -52,8 +54,10 @@ def refined(cell: Cell, folder: Path, settings: tuple[str, ...], levels: list[st
     """The floor's row, then one a level; what does not depend on it is made once and counts for each."""
     rows: list[dict[str, Any]] = []
     seconds: dict[str, float] = {}
+    sources = 0
     for level in ("floor", *levels):
-        results, now = run_capture(folder, (*settings, *_settings(level)))
+        results, now = run_capture(folder, (*settings, *_settings(level, sources)))
+        sources = len(results.context.views.sources)
         seconds |= now
         views = _by_view(results, cell)
         spent = {s: seconds.get(s, 0.0) / cell.frames for s in MADE if s != "refinement" or level not in ("floor", "0")}
@@ -71,12 +75,15 @@ def refined(cell: Cell, folder: Path, settings: tuple[str, ...], levels: list[st
 
 
 def _level(text: str) -> str:
-    """A level of `--steps`. Raises ValueError for what is neither `default` nor a number."""
-    return text if text == "default" else str(int(text))
+    """A level of `--steps`. Raises ValueError for what is neither `default` nor a number nor a share."""
+    return text if text == "default" or (text.startswith("1/") and int(text[2:])) else str(int(text))
 
 
-def _settings(level: str) -> tuple[str, ...]:
-    """Of the floor, of the default, or of so many steps."""
+def _settings(level: str, sources: int) -> tuple[str, ...]:
+    """Of the floor, of the default, of a Gaussian at such a share of the pixels of so many source views, or of so many
+    steps."""
+    if level.startswith("1/"):
+        return (f"refinement.every={int(level[2:]) / pixels_a_gaussian(sources, RefinementParams(every=10)) * 10}",)
     return {"floor": tuple(FLOOR), "default": ()}.get(level, (f"refinement.steps={level}", "refinement.worth=0"))
 
 
@@ -164,7 +171,7 @@ def main() -> None:
     parser.add_argument("--scenes", choices=tuple(SCENES), default="plain")
     parser.add_argument("--seeds", type=seeds, help="default: those for reporting")
     parser.add_argument(
-        "--steps", type=_level, nargs="+", default=["0", "20", "50", "200"], help="numbers, and `default`"
+        "--steps", type=_level, nargs="+", default=["0", "20", "50", "200"], help="numbers, `default`, and shares"
     )
     parser.add_argument(
         "--minutes", type=float, nargs="*", default=[0.25, 1, 3, 10], help="of 3DGS; none: leave it out"

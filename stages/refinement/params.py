@@ -8,14 +8,13 @@ from posegaussian.stages.contract.facts import Facts
 FEWEST = 3
 """Usable source views: one judges, and two teach."""
 EVERY = 6.0
-"""Pixels of which one keeps its Gaussian, of `VIEWS` views or more. Every ninth or twelfth of sixteen views loses 0.2
-and 0.5 dB."""
+"""Pixels of which one keeps its Gaussian by default, of `VIEWS` views or more."""
 VIEWS = 8
 """Fewer keep more, as many in all as so many would: tuning people of four and six cameras gain 0.0 to 0.2 dB (384 px).
 Those of eight, every fourth of them: 0.03, for a quarter more time."""
-LEAST = 4.0
-"""Pixels of which one keeps its Gaussian of very few views. Of two in nine, the SSIM of `balance` and `desk` from three
-cameras is .004 and .005 less."""
+LEAST = 2 / 3
+"""Of those pixels, of very few views. Of two in nine, the SSIM of `balance` and `desk` from three cameras is .004 and
+.005 less."""
 
 
 class RefinementParams(Params):
@@ -38,6 +37,15 @@ class RefinementParams(Params):
         ge=0,
         le=1,
     )
+    every: float = setting(
+        EVERY,
+        "Pixels of which one keeps its Gaussian, of eight source views or more; of fewer views more do, as many in all,"
+        " up to half as many again of each.",
+        unit="px",
+        quality_levels=[20.0, 10.0, 6.0, 4.0],
+        ge=4,
+        le=36,
+    )
     group: int = setting(
         4,
         "Frames of a group, counted from the sequence's first, all of which are trained for as many steps as a"
@@ -48,9 +56,9 @@ class RefinementParams(Params):
     )
 
 
-def pixels_a_gaussian(views: int) -> float:
+def pixels_a_gaussian(views: int, params: RefinementParams) -> float:
     """Of how many pixels of each of so many views one keeps its Gaussian."""
-    return max(EVERY * min(views / VIEWS, 1.0), LEAST)
+    return params.every * max(min(views / VIEWS, 1.0), LEAST)
 
 
 def halo(params: RefinementParams, facts: Facts) -> tuple[int, int]:

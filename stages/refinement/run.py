@@ -30,7 +30,7 @@ def run(inputs: Inputs, params: RefinementParams) -> Iterator[Block]:
     the sequence is cut. Views that are no source are 0 throughout; a frame that cannot be refined keeps its maps bit by
     bit.
     """
-    frames = _Frames(inputs)
+    frames = _Frames(inputs, params)
     first, stop = inputs.partition.start, inputs.partition.stop
     made = {v: [frames.maps(i, v) for i in inputs.partition] for v in inputs.views.sources}
     outcomes = []
@@ -110,8 +110,8 @@ def _nothing(width: int, height: int) -> GaussianMaps:
 class _Frames:
     """What the task reads, frame by frame and view by view; `i` is a frame of the sequence."""
 
-    def __init__(self, inputs: Inputs) -> None:
-        self.inputs = inputs
+    def __init__(self, inputs: Inputs, params: RefinementParams) -> None:
+        self.inputs, self.every = inputs, pixels_a_gaussian(len(inputs.views.sources), params)
         self.start = inputs.span("frames/mask").start
         self.arrays = {
             v: [inputs.read(name, v) for name in unrefined_arrays(inputs.facts)] for v in inputs.views.sources
@@ -126,9 +126,10 @@ class _Frames:
         """Thinned Gaussians of the source views that have some, and something to compare with. Whether a frame of
         the halo has a picture is told by its mask."""
         rig, sources = self.inputs.rig, self.inputs.views.sources
-        found, every = {}, pixels_a_gaussian(len(sources))
+        found = {}
         for v in sources:
-            gaussians = ViewGaussians.of(thinned(self.maps(i, v), every), rig.intrinsics[v], rig.world_to_camera[v])
+            maps = thinned(self.maps(i, v), self.every)
+            gaussians = ViewGaussians.of(maps, rig.intrinsics[v], rig.world_to_camera[v])
             if len(gaussians) and self.masks[v][i - self.start].any():
                 found[v] = gaussians
         plan = schedule(rig, sources, np.isin(np.arange(len(rig)), list(found)))

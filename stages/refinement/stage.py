@@ -22,7 +22,7 @@ def needs(shape: Shape, params: RefinementParams) -> Resources:
     before, _ = halo(params, Facts())
     pixels = shape["y"] * shape["x"]
     maps = pixels * shape["view"] * 28 * (2 * shape["frame"] + before)
-    kept = shape["view"] / pixels_a_gaussian(shape["view"])
+    kept = shape["view"] / pixels_a_gaussian(shape["view"], params)
     return Resources(cpu=1, ram=int(maps + pixels * (kept * 2160 + 760)))
 
 
@@ -38,7 +38,7 @@ def unneeded(params: RefinementParams, facts: Facts) -> str | None:
 STAGE = Stage(
     name=REFINEMENT,
     summary="Optimise each frame's Gaussians on its source pictures through the renderer.",
-    version=12,
+    version=13,
     run="posegaussian.stages.refinement.run:run",
     check="posegaussian.stages.refinement.run:check",
     reads=(

@@ -31,10 +31,10 @@ def needs(shape: Shape, params: RenderingParams) -> Resources:
     refinement; one picture's Gaussians, their colours while they are blended; the pictures."""
     pixels = shape["y"] * shape["x"]
     wide = 8 if params.precision == "float64" else 4
-    # A refined frame draws every sixth pixel of all views, and of fewer than eight as many as those have.
+    # A refined frame draws at most one of four pixels of all views, and of fewer than eight as many as those have.
     lifted = pixels * shape["view"] * 28 * wide
     picture = (
-        pixels * (max(params.sources, shape["view"] / 6, 8 / 6) * 64 + 40) * wide
+        pixels * (max(params.sources, shape["view"] / 4, 8 / 4) * 64 + 40) * wide
         + shape["camera_y"] * shape["camera_x"] * 20 * wide
     )
     maps_and_output = shape["frame"] * (

@@ -117,8 +117,8 @@ def test_every_attribute_is_optimised_and_few_of_the_gaussians_are_left(
     some = (spoilt["gaussians/opacity"][:1] > 0).any(axis=2)
     left = (out["refinement/opacity"] > 0).any(axis=2)
     assert not (left & ~some).any()
-    every = pixels_a_gaussian(len(person.views.sources))
-    assert abs(left.sum() / some.sum() * every - 1) < 0.1  # of a few hundred pixels a view, evenly
+    every = pixels_a_gaussian(len(person.views.sources), RefinementParams())
+    assert abs(left.sum() / some.sum() * every - 1) < 0.1  # of a few hundred pixels a view
     for after, before in GIVEN.items():
         assert np.isfinite(out[after]).all()
         moved = np.asarray(out[after] != spoilt[before][:1])
