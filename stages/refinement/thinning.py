@@ -47,17 +47,18 @@ def thinned(maps: GaussianMaps, every: float) -> GaussianMaps:
 def shares(color: np.ndarray, some: np.ndarray, every: float) -> np.ndarray:
     """[h, w] share of the Gaussians that are kept about each pixel, 0 where there are none: one of `every` on the mean
     over `some` [h, w] bool, and proportional to the picture's detail within `DENSEST` and `SPARSEST`."""
-    wanted = np.where(some, PLAIN + detail(color, some), 0.0)
+    wanted, found = PLAIN + detail(color, some)[some].astype(np.float64), np.zeros(some.shape)
     least, most = 0.0, 1 / (DENSEST * PLAIN)
-    for _ in range(HALVINGS if some.any() else 0):
+    for _ in range(HALVINGS if len(wanted) else 0):
         middle = (least + most) / 2
-        enough = _within(middle * wanted, some).mean(where=some) >= 1 / every
+        enough = _within(middle * wanted).mean() >= 1 / every
         least, most = (least, middle) if enough else (middle, most)
-    return _within(most * wanted, some)
+    found[some] = _within(most * wanted)
+    return found
 
 
-def _within(share: np.ndarray, some: np.ndarray) -> np.ndarray:
-    return np.where(some, np.clip(share, 1 / SPARSEST, 1 / DENSEST), 0.0)
+def _within(share: np.ndarray) -> np.ndarray:
+    return np.clip(share, 1 / SPARSEST, 1 / DENSEST)
 
 
 def detail(color: np.ndarray, some: np.ndarray) -> np.ndarray:
