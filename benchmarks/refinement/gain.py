@@ -83,7 +83,8 @@ def _settings(level: str, sources: int) -> tuple[str, ...]:
     """Of the floor, of the default, of a Gaussian at such a share of the pixels of so many source views, or of so many
     steps."""
     if level.startswith("1/"):
-        return (f"refinement.every={int(level[2:]) / pixels_a_gaussian(sources, RefinementParams(every=10)) * 10}",)
+        usual = RefinementParams()  # fewer than eight views keep more of each
+        return (f"refinement.every={int(level[2:]) * usual.every / pixels_a_gaussian(sources, usual)}",)
     return {"floor": tuple(FLOOR), "default": ()}.get(level, (f"refinement.steps={level}", "refinement.worth=0"))
 
 
