@@ -11,6 +11,7 @@ from posegaussian.stages.frames.facts import AVERAGED_WITH, NOISE_AVERAGING
 from posegaussian.stages.gaussians.params import GaussiansParams
 from posegaussian.stages.gaussians.prior import normals, scales
 from posegaussian.stages.imaging.averaging import averaged_depth, sameness
+from posegaussian.stages.imaging.part import part_around
 from posegaussian.stages.network.params import NETWORK, QUATERNIONS, SINGLE_OPACITY, TURNED, TWISTED, found_depth_array
 
 CHANNELS = {"gaussians/scale": 3, "gaussians/rotation": 3, "gaussians/opacity": 2, "gaussians/confidence": 1}
@@ -46,18 +47,22 @@ def run(inputs: Inputs, params: GaussiansParams) -> Iterator[Block]:
             more = {told: inputs.read(name, view) for told, name in turned.items() if told in inputs.facts}
             single = SINGLE_OPACITY in inputs.facts
             for i in range(len(inputs.partition)):
-                k = inputs.rig.intrinsics[view]
-                start = prior(depth[i], confidence[i], mask[i], k, params)
+                part = part_around(depth[i] > 0, 0)
+                k = inputs.rig.intrinsics[view].copy()
+                k[:2, 2] -= part[1].start, part[0].start
+                start = prior(depth[i][part], confidence[i][part], mask[i][part], k, params)
                 found: tuple[np.ndarray, ...] = start
                 if said is not None:
                     # here, because torch takes two seconds to load and nothing else of this stage asks for it
                     from posegaussian.stages.gaussians.learned import over_prior
 
-                    turn, axes = (more[t][i] if t in more else None for t in turned)
-                    found = over_prior(start, said[0][i], said[1][i], k, turn, single, axes)
+                    numbers, share = said[0][i][:, *part], said[1][i][part]
+                    turn = more[QUATERNIONS][i][:, *part] if QUATERNIONS in more else None
+                    axes = more[TURNED][i] if TURNED in more else None
+                    found = over_prior(start, numbers, share, k, turn, single, axes)
                 # the prior alone has neither a share of the learned value nor a twist
                 for name, data in zip(channels, found, strict=False):
-                    maps[name][i] = data
+                    maps[name][i][:, *part] = data
         for name, data in maps.items():
             yield Block(name, data, view)
         if steady:

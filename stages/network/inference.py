@@ -19,6 +19,7 @@ from posegaussian.stages.geometry.projection import pixel_centres
 from posegaussian.stages.geometry.rectification import RectifiedPair, Window, rectify
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.geometry.turning import common_turn, turn_in_picture
+from posegaussian.stages.imaging.part import part_around
 from posegaussian.stages.network.model.network import PoseGaussianNetwork, Prediction, Timer
 from posegaussian.stages.network.model.pairs import (
     PairViews,
@@ -57,6 +58,10 @@ class Learned:
     """[h, w] float32 of what the heads say of scale, rotation and opacity."""
     numbers: np.ndarray
     """[n, h, w] float32 of the heads, as many as the network's have."""
+
+    def of_whole(self, part: tuple[slice, slice], shape: tuple[int, ...]) -> Learned:
+        """The same of a picture [h, w] of which this is a part."""
+        return Learned(*(_spread(m, part, shape) for m in vars(self).values()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,6 +148,7 @@ def look(
     `timer` is told of `rectification`, the network's modules and `pulling back`."""
     clock = timer or (lambda name: nullcontext())
     found: dict[int, list[Learned]] = {}
+    parts = {v: part_around(shown.depth > 0, 0) for v, shown in views.items()}
     for pair, thirds in zip(looks.pairs, looks.thirds, strict=True):
         shown = (views[pair.views[0]], views[pair.views[1]])
         with clock("rectification"):
@@ -160,10 +166,12 @@ def look(
         prediction = predict(network, rectified, iterations, precision, timer)
         with clock("pulling back"):
             for which, view in enumerate(pair.views):
-                said = learned_of(pair, which, around[which], rectified, prediction, shown[which].depth)
+                part = parts[view]
+                corner = part[0].start, part[1].start
+                said = learned_of(pair, which, around[which], rectified, prediction, shown[which].depth[part], corner)
                 found.setdefault(view, []).append(looks.along_axes(said, pair, which, leaning(network.preset)))
     with clock("pulling back"):
-        return {view: _merged(parts) for view, parts in found.items()}
+        return {v: _merged(said).of_whole(parts[v], views[v].depth.shape) for v, said in found.items()}
 
 
 def predict(
@@ -189,10 +197,17 @@ def refined(depth: np.ndarray, learned: Learned) -> np.ndarray:
 
 
 def learned_of(
-    pair: RectifiedPair, which: int, window: Window, views: PairViews, prediction: Prediction, depth: np.ndarray
+    pair: RectifiedPair,
+    which: int,
+    window: Window,
+    views: PairViews,
+    prediction: Prediction,
+    depth: np.ndarray,
+    corner: tuple[int, int] = (0, 0),
 ) -> Learned:
-    """One direction of a pair on its view's own pixels [h, w], those with a depth."""
-    rectified, ratio = pair.rectified_pixels(which, pixel_centres(depth.shape[::-1]))
+    """One direction of a pair on its view's own pixels [h, w], those with a depth. `depth` may be a part of the view's;
+    its first pixel is in row and column `corner`."""
+    rectified, ratio = pair.rectified_pixels(which, pixel_centres(depth.shape[::-1]) + corner[::-1])
     x, y = (
         np.ascontiguousarray(m)
         for m in np.moveaxis(points_to_integer_centres(rectified - np.array(window[:2])).astype(np.float32), -1, 0)
@@ -233,6 +248,13 @@ def along(learned: Learned, turn: float, first: int) -> Learned:
     numbers[0], numbers[1] = c * c * said[0] + s * s * said[1], s * s * said[0] + c * c * said[1]
     numbers[first], numbers[first + 1] = c * said[first] + s * said[first + 1], c * said[first + 1] - s * said[first]
     return replace(learned, numbers=numbers)
+
+
+def _spread(values: np.ndarray, part: tuple[slice, slice], shape: tuple[int, ...]) -> np.ndarray:
+    """Values [..., h, w] of a part of a picture, 0 beside it."""
+    out = np.zeros((*values.shape[:-2], *shape), values.dtype)
+    out[..., *part] = values
+    return out
 
 
 def _merged(parts: list[Learned]) -> Learned:

@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 
 from posegaussian.stages.geometry.projection import rays
-from posegaussian.stages.rendering.evening import REACH, Outlines, part_around
+from posegaussian.stages.imaging.part import part_around
+from posegaussian.stages.rendering.evening import REACH, Outlines
 from posegaussian.stages.silhouettes.coverage import coverage, covered_around
 from posegaussian.stages.silhouettes.hull import Silhouettes
 from posegaussian.stages.splatting.definition.scene import Camera

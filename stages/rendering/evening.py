@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from posegaussian.stages.imaging.part import part_around
 from posegaussian.stages.silhouettes.hull import Silhouettes
 from posegaussian.stages.splatting.definition.scene import Camera
 from posegaussian.storage.model.cameras import Rig
@@ -112,17 +113,6 @@ def _resized(mask: np.ndarray, factor: float) -> np.ndarray:
         return part
     size = tuple(max(1, round(n * min(factor, 2.0))) for n in part.shape[::-1])
     return np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_AREA if factor < 1 else cv2.INTER_LINEAR))
-
-
-def part_around(there: np.ndarray, beyond: int) -> tuple[slice, slice]:
-    """The part of a picture [h, w] bool that holds something, and so many px `beyond` it; empty where nothing does."""
-    rows, columns = np.flatnonzero(there.any(axis=1)), np.flatnonzero(there.any(axis=0))
-    if not len(rows):
-        return slice(0, 0), slice(0, 0)
-    return (
-        slice(max(int(rows[0]) - beyond, 0), int(rows[-1]) + beyond + 1),
-        slice(max(int(columns[0]) - beyond, 0), int(columns[-1]) + beyond + 1),
-    )
 
 
 def _around(values: np.ndarray) -> np.ndarray:

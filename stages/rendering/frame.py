@@ -12,9 +12,10 @@ from posegaussian.stages.contract.facts import MASKS
 from posegaussian.stages.contract.io import Inputs
 from posegaussian.stages.depth.algorithms.pose_prior import limbs_of
 from posegaussian.stages.geometry.subject import look_at_point
+from posegaussian.stages.imaging.part import part_around
 from posegaussian.stages.rendering.clipping import UNSURE, beside, retouched
 from posegaussian.stages.rendering.closing import Body, closed
-from posegaussian.stages.rendering.evening import outlines_for, part_around
+from posegaussian.stages.rendering.evening import outlines_for
 from posegaussian.stages.rendering.facts import (
     ANTI_ALIASING,
     HOLE_FILLING,

@@ -8,7 +8,7 @@ from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.contract.io import Block
 from posegaussian.stages.frames.facts import NOISE_AVERAGING
 from posegaussian.stages.gaussians.params import GaussiansParams
-from posegaussian.stages.gaussians.run import check
+from posegaussian.stages.gaussians.run import check, prior
 from posegaussian.stages.network.params import depth_array
 from posegaussian.stages.registry import stage
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
@@ -35,6 +35,17 @@ def test_all_views_are_written_and_only_sources_hold_gaussians(person: PersonCap
     assert not out["gaussians/confidence"].any()
     seen = (person.depth[:, :3] > 0) & (person.mask[:, :3] > 0)
     assert ((out["gaussians/opacity"][:, :3, 0] > 0) == seen).all()
+
+
+def test_the_part_that_holds_somebody_is_lifted_as_in_the_whole_picture(person: PersonCapture) -> None:
+    out = maps(person)
+    for view in range(3):
+        depth, sure, mask = person.depth[0, view], (person.depth[0, view] > 0).astype(np.float16), person.mask[0, view]
+        assert not depth[:, 0].any(), "the person does not begin at the picture's corner"
+        whole = prior(depth, sure, mask, person.rig.intrinsics[view], GaussiansParams())
+        for name, data in zip(("scale", "rotation", "opacity"), whole, strict=True):
+            # rays are the same but for the rounding of a principal point that is moved
+            np.testing.assert_allclose(out[f"gaussians/{name}"][0, view], data.astype(np.float16), rtol=2e-3, atol=1e-6)
 
 
 def test_partitions_change_nothing(person: PersonCapture) -> None:
