@@ -15,6 +15,7 @@ import numpy as np
 from posegaussian.stages.frames.body import body_shape, limb_bones, pixels_per_metre
 from posegaussian.stages.frames.color_likelihood import Plate, color_odds
 from posegaussian.stages.geometry.subject import STATURE
+from posegaussian.stages.imaging.part import part_around
 
 HINT_FLOOR = 0.03
 """A segmentation is taken to be wrong about a pixel that often, however sure it is."""
@@ -78,7 +79,7 @@ def person_matte(
     prior = _prior(known, size, scale, margin * scale / METRE_OF_SIDE) if scale > 0 else None
     if prior is None or not (prior > 0).any():
         return None
-    box = _box(prior > RULED_OUT / 2, round(0.5 * WINDOW * scale) + 2)
+    box = part_around(prior > RULED_OUT / 2, round(0.5 * WINDOW * scale) + 2)
     prior, shown = np.ascontiguousarray(prior[box]), np.ascontiguousarray(picture[box])
     side, radius = max(5, round(WINDOW * scale)) | 1, max(1, round(EDGE * scale))
     against = (
@@ -177,13 +178,6 @@ def _long(shape: np.ndarray, length: float) -> np.ndarray:
     kept = np.hypot(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT]) >= length
     kept[0] = False
     return kept[labels]
-
-
-def _box(shape: np.ndarray, margin: int) -> tuple[slice, slice]:
-    rows, columns = np.nonzero(shape.any(axis=1))[0], np.nonzero(shape.any(axis=0))[0]
-    return slice(max(0, rows[0] - margin), rows[-1] + margin + 1), slice(
-        max(0, columns[0] - margin), columns[-1] + margin + 1
-    )
 
 
 def _clean(found: np.ndarray, foretold: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from posegaussian.stages.geometry.pairs import MIN_BASELINE, angle_at
+from posegaussian.stages.imaging.part import part_around
 from posegaussian.stages.matching.aggregate import aggregate, minimum
 from posegaussian.stages.matching.bounds import Bounds, inverse
 from posegaussian.stages.matching.cost import cost_volume
@@ -93,8 +94,7 @@ def sweep(
     out = np.zeros(wanted.shape, np.float32)
     if not wanted.any() or not neighbours.views:
         return out
-    rows, columns = np.nonzero(wanted.any(axis=1))[0], np.nonzero(wanted.any(axis=0))[0]
-    box = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+    box = part_around(wanted, 0)
     mask = np.ascontiguousarray(wanted[box])
     guide, low, high = (np.ascontiguousarray(inverse(a[box])) for a in (bounds.guide, bounds.far, bounds.near))
     pixel = 1.0 / float(neighbours.motion.max())
@@ -111,7 +111,7 @@ def sweep(
         others,
         size,
         neighbours.transfers,
-        (int(columns[0]), int(rows[0])),
+        (box[1].start, box[0].start),
         radius,
         NOISE**2,
         share,

@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 from numba import njit
 
+from posegaussian.stages.imaging.part import part_around
+
 WINDOW, SIGMA = 11, 1.5
 C1, C2 = 0.01**2, 0.03**2
 """Of SSIM, for values in 0..1 (Wang et al., 2004)."""
@@ -49,11 +51,7 @@ def structure(
 def around(wanted: np.ndarray) -> tuple[slice, slice]:
     """What is around the wanted pixels [h, w] bool as far as two windows reach: beyond it nothing differs where both
     pictures are black."""
-    found = [np.flatnonzero(wanted.any(axis=axis)) for axis in (1, 0)]
-    rows, columns = (
-        slice(max(int(f[0]) - WINDOW, 0), int(f[-1]) + WINDOW + 1) if len(f) else slice(0, 1) for f in found
-    )
-    return rows, columns
+    return part_around(wanted, WINDOW) if wanted.any() else (slice(0, 1), slice(0, 1))
 
 
 def _blur(values: np.ndarray) -> np.ndarray:

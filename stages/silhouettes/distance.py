@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numba import njit
 
+from posegaussian.stages.imaging.part import part_around
 from posegaussian.storage.model.masks import FOREGROUND, foreground
 
 FARTHEST = 64.0
@@ -59,10 +60,8 @@ def within(distances: np.ndarray) -> np.ndarray:
     out = -0.5 - distances
     for near, distance in zip(out, distances, strict=True):
         inside = distance <= -0.5
-        rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
-        if len(rows):
-            # one px around it is not inside, where there is any
-            part = tuple(slice(max(int(n[0]) - 1, 0), int(n[-1]) + 2) for n in (rows, columns))
+        if inside.any():
+            part = part_around(inside, 1)  # one px around it is not inside, where there is any
             depth = cv2.distanceTransform(inside[part].astype(np.uint8), cv2.DIST_L2, 3)
             near[part] = np.where(inside[part], np.minimum(TRUE * depth, FARTHEST), near[part])
     return np.asarray(out)
