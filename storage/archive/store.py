@@ -71,9 +71,9 @@ def codecs(dtype: np.dtype) -> list[Any]:
 
     Fields of a person are zero outside the mask: with bytes shuffled those zeros cost little, with bits shuffled every
     one of 16 or 32 planes pays for every row. Measured on depth and its slopes of a capsule person (192 and 384 px, a
-    box of 0.3 of the picture): bits shuffled take 43 and 33 % more bytes. The zeros outside the mask's box are 2 to 3 % of
-    the bytes (tests/storage/archive/test_codecs.py), so fields are stored whole, as any Zarr reader expects them, and
-    not cut to a box. Level 5 takes 7 % fewer bytes and twice as long to write (docs/measurements/bytes.md).
+    box of 0.3 of the picture): bits shuffled take 43 and 33 % more bytes. The zeros outside the mask's box are 2 to 3 %
+    of the bytes (tests/storage/archive/test_codecs.py), so fields are stored whole, as any Zarr reader expects them,
+    and not cut to a box. Level 5 takes 7 % fewer bytes and twice as long to write (docs/measurements/bytes.md).
     """
     from zarr.codecs import BloscCodec, Crc32cCodec
 
