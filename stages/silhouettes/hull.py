@@ -3,8 +3,7 @@
 Image-based: no voxels. For each foreground pixel the ray is first clipped, exactly, to the boxes around the other
 views' masks, then walked in steps of about one pixel of motion in the other views, or farther where a silhouette is
 farther away; both ends are refined by bisection (Matusik et al., "Image-based visual hulls", 2000, find the same
-intervals on the epipolar lines). Along rims, and in every second row and column, that is done; what lies between and on
-one surface with its neighbours takes their mean.
+intervals on the epipolar lines).
 
 A view carves only what it can see: a point beside its picture or behind its camera stays, and a view whose mask is
 empty says nothing. A point that fewer than two other views see (or the only other one) is not part of the hull, because
@@ -22,7 +21,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-import cv2
 import numpy as np
 
 from posegaussian.stages.geometry.projection import rays
@@ -37,10 +35,6 @@ TOLERANCE = (0.0, 1.5)
 """Px a point may lie outside another view's silhouette; the second value only for rays without a hull at the first."""
 OUTVOTED = 4
 """Other views, at least, of which one may be overruled for a ray that has no hull otherwise."""
-STEEP = 2.0
-"""Footprints of a pixel, depth over focal length, by which the hull may differ between pixels two apart whose middle is
-taken to lie between them. Two fifths of a person's pixels do (capsules, 384 px), 0.1 footprints off on the mean, 1 in
-1000 of all more than one. With 3 half of them do, but the hull of a sphere cuts into it by more than a quarter px."""
 OBLIQUE = 1.5
 """Px by which a point moves for a metre sideways, over focal length / depth, at most: 48 degrees off the axis."""
 
@@ -221,39 +215,10 @@ def visual_hull(
     eat limbs. Both maps are 0 where the pixel is background and where no point of its ray is in the hull.
     """
     own = foreground(mask)
-    ends = np.zeros((*own.shape, 2), np.float32)
-
-    def march_at(asked: np.ndarray) -> None:
-        rows, columns = np.nonzero(asked)
-        pixels = points_from_integer_centres(np.stack([columns, rows], axis=-1))
-        origin, directions = rays(pixels, rig.intrinsics[view], rig.world_to_camera[view])
-        ends[rows, columns] = silhouettes.ends(origin, directions, tolerance, votes, without=view)
-
-    inner = cv2.erode(own.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0) > 0
-    inner[::2, ::2] = False
-    march_at(own & ~inner)
-    footprint = 1 / float(rig.intrinsics[view][[0, 1], [0, 1]].mean())
-    march_at(inner & ~_interpolated(ends, inner, footprint))
-    return ends[..., 0].copy(), ends[..., 1].copy()  # kernels are compiled for arrays in one piece
-
-
-def _interpolated(ends: np.ndarray, inner: np.ndarray, footprint: float) -> np.ndarray:
-    """[h, w] bool: which of the `inner` [h, w] pixels lie on one surface with their neighbours in every second row and
-    column, near and far; their `ends` [h, w, 2] m are filled with the mean of those, linear in inverse depth as on a
-    plane. `footprint`: of a pixel at a depth of 1."""
-    inverse = np.where(ends > 0, 1 / np.where(ends > 0, ends, 1), np.nan)
-    done = np.zeros(inner.shape, bool)
-    rows, columns = np.nonzero(inner)
-    for odd_row, odd_column, around in (
-        (0, 1, ((0, -1), (0, 1))),
-        (1, 0, ((-1, 0), (1, 0))),
-        (1, 1, ((-1, -1), (1, 1), (-1, 1), (1, -1))),
-    ):
-        chosen = (rows % 2 == odd_row) & (columns % 2 == odd_column)
-        r, c = rows[chosen], columns[chosen]
-        beside = np.stack([inverse[r + i, c + j] for i, j in around])  # [neighbour, N, 2]
-        middle = beside.mean(axis=0)
-        smooth = (np.ptp(beside, axis=0) <= STEEP * footprint * middle).all(axis=1)
-        done[r[smooth], c[smooth]] = True
-        ends[r[smooth], c[smooth]] = 1 / middle[smooth]
-    return done
+    near, far = np.zeros(own.shape, np.float32), np.zeros(own.shape, np.float32)
+    rows, columns = np.nonzero(own)
+    origin, directions = rays(
+        points_from_integer_centres(np.stack([columns, rows], axis=-1)), rig.intrinsics[view], rig.world_to_camera[view]
+    )
+    near[rows, columns], far[rows, columns] = silhouettes.ends(origin, directions, tolerance, votes, without=view).T
+    return near, far

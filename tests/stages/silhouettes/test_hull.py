@@ -57,24 +57,6 @@ def test_the_hull_holds_the_surface_and_shrinks_with_more_views():
     assert errors[-1] < 0.25 * errors[0]
 
 
-@pytest.mark.parametrize("size", [96, 192])
-def test_what_lies_between_rays_is_what_its_own_ray_would_find(size: int) -> None:
-    """In footprints of a pixel, depth over focal length; half of the pixels are not walked."""
-    c = capture_person(views=8, size=size, frames=1, held_out=0)
-    masks, centre = {v: c.mask[0, v] for v in range(8)}, look_at_point(c.rig)
-    silhouettes = Silhouettes.of(c.rig, masks, centre, searched_radius(c.rig, list(masks), centre))
-    found = np.stack(hull_of(c.rig, 0, masks[0], silhouettes), axis=-1)
-    rows, columns = np.nonzero(masks[0] > 127)
-    pixels = points_from_integer_centres(np.stack([columns, rows], axis=-1))
-    walked = silhouettes.ends(*rays(pixels, c.rig.intrinsics[0], c.rig.world_to_camera[0]), without=0)
-    found = found[rows, columns]
-    np.testing.assert_array_equal(found > 0, walked > 0)
-    off = np.abs(found - walked)[walked > 0] / walked[walked > 0] * c.rig.intrinsics[0, 0, 0]
-    assert (off > 1e-3).mean() > 0.3, "nothing was left to its neighbours"
-    assert off.mean() < 0.1
-    assert (off > 1).mean() < 0.01
-
-
 def test_a_person_is_held_and_the_order_of_views_is_indifferent():
     c = capture_person(views=8, size=96, frames=1, held_out=0)
     centre = look_at_point(c.rig)
