@@ -6,6 +6,7 @@ from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.plan import decided
 from posegaussian.dags.planning.receipt_index import Book
 from posegaussian.stages.contract.judged import (
+    CALIBRATION,
     COLOR,
     DEPTH,
     EXPOSURE,
@@ -18,6 +19,7 @@ from posegaussian.stages.contract.judged import (
 from posegaussian.stages.depth.methods.registry import BY_PICTURES
 from posegaussian.stages.depth.params import resolve_method
 from posegaussian.stages.frames.facts import EXPOSURE_MATCHING
+from posegaussian.stages.imaging.calibration import CALIBRATION_CORRECTION
 from posegaussian.stages.rendering.facts import VIEW_DEPENDENT_COLOR
 
 
@@ -30,11 +32,13 @@ def left_out_views(context: Context) -> str:
         return f"what left-out views would look like cannot be measured: {why}"
     context = decided(Book.open(context, frozenset()))
     method = resolve_method(context.settings.depth, context.facts).name
-    on = {e: context.effects[e].state == "on" for e in (EXPOSURE_MATCHING, VIEW_DEPENDENT_COLOR)}
+    switches = (CALIBRATION_CORRECTION.name, EXPOSURE_MATCHING, VIEW_DEPENDENT_COLOR)
+    on = {e: context.effects[e].state == "on" for e in switches}
     chosen = {  # each is drawn with what was best of those before
         COLOR: int(on[VIEW_DEPENDENT_COLOR]),
         EXPOSURE: int(on[EXPOSURE_MATCHING]),
         DEPTH: BY_PICTURES.index(method) if method in BY_PICTURES else 0,
+        CALIBRATION: int(on[CALIBRATION_CORRECTION.name]),
     }
     for array, candidate in chosen.items():
         means = mean_of_asked(context.noted[array]) if array in context.noted else None

@@ -14,7 +14,9 @@ from posegaussian.dags.planning.effects import (
     Demand,
     EffectVerdict,
     Verdicts,
+    as_they_stand,
     decided_facts,
+    of_believed,
     refusals,
     useful,
     with_optional,
@@ -34,7 +36,7 @@ from posegaussian.storage.model.errors import ConfigError
 from posegaussian.storage.model.joint_sets import JOINT_SETS
 from posegaussian.storage.model.roles import Roles, roles_in
 from posegaussian.storage.model.splits import frames_of
-from posegaussian.storage.model.timegrid import TimeGrid, select
+from posegaussian.storage.model.timegrid import TimeGrid, late_frames, select
 
 
 @dataclass(frozen=True)
@@ -67,16 +69,8 @@ class Context:
 
     @cached_property
     def late(self) -> tuple[int, ...]:
-        """[V] whole frames by which each camera is late, from `frames.time_offset`. Raises ConfigError for cameras
-        that the capture does not have."""
-        names, offsets = self.sequence.capture.rig.names, self.settings.frames.time_offset
-        for name in offsets:
-            if name not in names:
-                raise ConfigError(
-                    f"frames.time_offset: sequence {self.sequence.name} has no camera {name!r}; it has"
-                    f" {', '.join(names)}"
-                )
-        return tuple(round(offsets.get(n, 0.0)) for n in names)
+        """[V] whole frames by which each camera is late, from `frames.time_offset`. Raises ConfigError."""
+        return late_frames(self.sequence.capture.rig.names, self.settings.frames.time_offset, self.sequence.name)
 
     def params(self, stage: Stage) -> Any:
         """Settings of one stage."""
@@ -141,12 +135,22 @@ class Context:
 
     @cached_property
     def rig(self) -> Rig:
-        """Cameras of `frames/*`."""
-        return self.rig_of(stage_named("frames"))
+        """Cameras of `frames/*`, as they stand."""
+        return as_they_stand(self.calibrated_rig, self.effects, self.noted)
+
+    @cached_property
+    def calibrated_rig(self) -> Rig:
+        """The same as they are calibrated."""
+        frames = stage_named("frames")
+        assert frames.cameras is not None
+        return frames.cameras(self.capture.rig, self.params(frames))
 
     def rig_of(self, stage: Stage) -> Rig:
         """Cameras as a stage sees them: those of `frames/*`, or its own."""
-        return self.rig if stage.cameras is None else stage.cameras(self.capture.rig, self.params(stage))
+        if stage.cameras is None or stage.name == "frames":
+            return self.rig
+        own = stage.cameras(self.capture.rig, self.params(stage))
+        return own if stage.sequence_wide else as_they_stand(own, self.effects, self.noted)
 
     @cached_property
     def captured_to_calibrated(self) -> np.ndarray:
@@ -188,11 +192,13 @@ class Context:
 
     def with_noted(self, noted: Mapping[str, np.ndarray]) -> Context:
         """The same sequence with other notes; all that does not follow from them is taken over, not made again."""
-        other, follows = replace(self, noted=noted), {"verdicts", "facts", "waits", "cameras", "views"}
+        other, follows = replace(self, noted=noted), {"verdicts", "facts", "waits", "cameras", "views", "rig"}
+        follows |= {"paths", "_made_paths"}
         if other.views != self.views:
-            follows |= {"paths", "_made_paths"}
+            follows.add("_targets")
             if not self.asked_for and self.settings.rendering.paths is None:
-                other = replace(other, path_texts=(PATHS.default(self.rig, other.views, self.settings),))
+                texts = (PATHS.default(self.calibrated_rig, other.views, self.settings),)
+                other = replace(other, path_texts=texts)
         kept = {k: v for k, v in self.__dict__.items() if k not in {*(f.name for f in fields(self)), *follows}}
         other.__dict__.update(kept)
         return other
@@ -228,7 +234,7 @@ class Context:
         return Evidence(
             self.params(stage_named(stage)),
             self.capture_facts,
-            self.rig,
+            self.calibrated_rig,
             capture.rig,
             np.array([s.size for s in capture.pictures]),
             self.captured_to_calibrated,
@@ -239,17 +245,9 @@ class Context:
                 else tuple(v for v in sources if capture.joints and capture.joints[v] is not None)
             ),
             max(1, stride),
-            tuple(self.paths.values()),
-            self._believed_notes,
+            tuple(self._targets.values()),
+            of_believed(self.noted, self.asked_views.sources, sources),
         )
-
-    @property
-    def _believed_notes(self) -> dict[str, np.ndarray]:
-        """What is noted, by array; of what was measured of every camera that is asked for, the rows [S, ...] of those
-        that are believed."""
-        rows = [i for i, v in enumerate(self.asked_views.sources) if v in self.views.sources]
-        of_all = {w.name for s in STAGES if s.trust is not None for w in s.writes}
-        return {array: values[rows] if array in of_all else values for array, values in self.noted.items()}
 
     @cached_property
     def verdicts(self) -> Verdicts:
@@ -322,9 +320,16 @@ class Context:
 
     @cached_property
     def _made_paths(self) -> dict[str, CameraPath]:
-        """{text: cameras}. Raises CalibrationError for a camera whose name cannot be that of a folder."""
-        given = self.rig, self.views, self.source_frames, self.settings
-        made = {text: PATHS.make(text, *given) for text in self.path_texts}
+        """{text: cameras}. Raises CalibrationError."""
+        return self._targets if self.rig is self.calibrated_rig else self._paths_among(self.rig)
+
+    @cached_property
+    def _targets(self) -> dict[str, CameraPath]:
+        """The same among calibrated cameras, by which effects are decided. Raises CalibrationError."""
+        return self._paths_among(self.calibrated_rig)
+
+    def _paths_among(self, rig: Rig) -> dict[str, CameraPath]:
+        made = {text: PATHS.make(text, rig, self.views, self.source_frames, self.settings) for text in self.path_texts}
         for path in made.values():
             check_camera_names(path.names)
         return made
@@ -353,15 +358,15 @@ class Context:
 
     def shape(self, path: str | None = None) -> dict[str, int]:
         """Length of every dimension; of the cameras of one path where it is given."""
-        captured = np.array([s.size for s in self.capture.pictures])
+        captured, size = np.array([s.size for s in self.capture.pictures]), self.calibrated_rig.size
         shape = {
             "frame": len(self.source_frames),
             "moment": len(self.source_frames),
-            "view": len(self.rig),
-            "one_view": len(self.rig),
-            "other_view": len(self.rig),
-            "y": int(self.rig.size[:, 1].max()),
-            "x": int(self.rig.size[:, 0].max()),
+            "view": len(size),
+            "one_view": len(size),
+            "other_view": len(size),
+            "y": int(size[:, 1].max()),
+            "x": int(size[:, 0].max()),
             "source_y": int(captured[:, 1].max()),
             "source_x": int(captured[:, 0].max()),
             **self._declared_lengths,
@@ -402,7 +407,7 @@ def make_context(sequence: SequenceGroup, settings: Any, paths: tuple[str, ...] 
     """
     context = Context(sequence, settings, paths or tuple(settings.rendering.paths or ()), asked_for=bool(paths))
     if not paths and settings.rendering.paths is None:
-        context = replace(context, path_texts=(PATHS.default(context.rig, context.views, settings),))
+        context = replace(context, path_texts=(PATHS.default(context.calibrated_rig, context.views, settings),))
     refusals = context.refusals()
     if refusals:
         raise ConfigError("\n".join(refusals))

@@ -12,7 +12,7 @@ that only draws such an output, is off. Whoever names the stage (`--only`, `--fo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, Literal, NamedTuple, TypeVar
@@ -23,6 +23,7 @@ from posegaussian.dags.config.effect_settings import Setting, declared
 from posegaussian.stages.contract.declaration import Choice, Decision, Effect, Evidence, Picked, Stage
 from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.registry import STAGES
+from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.spec import TableSpec
 
 Answer = TypeVar("Answer")
@@ -196,6 +197,9 @@ def _judged(
     if setting == "auto":
         asks, decision = _measured(effect.asks, lambda e: effect.decide(e, effect.threshold), evidence)
         return EffectVerdict(effect, stages, setting, decision, asks)
+    uses = effect.uses if setting == "on" else ()
+    if not set(uses) <= evidence.noted.keys():
+        return EffectVerdict(effect, stages, setting, None, uses)
     measured = effect.decide(evidence, effect.threshold)
     reason = f"effects.{effect.name} is {setting}" + (f"; {measured.reason}" if measured is not None else "")
     return EffectVerdict(
@@ -203,6 +207,7 @@ def _judged(
         stages,
         setting,
         Decision(setting == "on", measured.measured if measured else None, effect.threshold, reason),
+        uses,
     )
 
 
@@ -222,6 +227,24 @@ def noted(receipts: Iterable[Any], arrays: tuple[str, ...], per_view: bool) -> d
             return None
         found[array] = np.array(values if per_view else values[0])
     return found
+
+
+def as_they_stand(rig: Rig, effects: Mapping[str, EffectVerdict], notes: Mapping[str, np.ndarray]) -> Rig:
+    """Calibrated cameras as effects that are on say they stand; as they are calibrated until that is decided."""
+    for v in effects.values():
+        if v.effect.stand is not None and v.state == "on":
+            rig = v.effect.stand(rig, {array: notes[array] for array in v.effect.uses})
+    return rig
+
+
+def of_believed(
+    notes: Mapping[str, np.ndarray], asked: Sequence[int], believed: Sequence[int]
+) -> dict[str, np.ndarray]:
+    """{array: values} where those that were measured of every camera that is asked for have the rows [S, ...] of those
+    that are believed."""
+    rows = [i for i, v in enumerate(asked) if v in believed]
+    of_all = {w.name for s in STAGES if s.trust is not None for w in s.writes}
+    return {array: values[rows] if array in of_all else values for array, values in notes.items()}
 
 
 @dataclass(frozen=True)

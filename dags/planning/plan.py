@@ -222,10 +222,10 @@ def take_decisions(plan: Plan) -> tuple[EffectVerdict | ChoiceVerdict, ...]:
     Raises ValueError where all that a decision asked for is noted and it cannot be made.
     """
     waited, open_cameras = plan.context.verdicts.open, plan.context.cameras_undecided
-    before = plan.context.path_texts, plan.context.views
+    before = plan.context.paths.keys(), plan.context.views
     plan.context = decided(plan.book)
     plan.unneeded = plan.context.unneeded()
-    if plan.wanted is not None and (plan.context.path_texts, plan.context.views) != before:
+    if plan.wanted is not None and (plan.context.paths.keys(), plan.context.views) != before:
         plan.book = Book.open(plan.context, plan.wanted(plan.context))
     now = plan.context.verdicts
     stuck = {_name(v): v.asks for v in now.open}

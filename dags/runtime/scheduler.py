@@ -249,11 +249,13 @@ class Run:
         """A sequence-wide stage is through: what it settles is decided, which cameras are believed among it, and the
         arrays behind that can be made."""
         name, open_cameras = plan.context.sequence.name, plan.context.cameras_undecided
+        before = plan.context.paths.keys()
         decided = take_decisions(plan)
         if open_cameras and not plan.context.cameras_undecided:
             for verdict in plan.context.cameras.values():
                 if verdict.state == "left out":
                     self.tell(Notice(f"{name}: {verdict.sentence}"))
+        if plan.context.paths.keys() != before:
             self._change_paths(plan)
         effects = [v for v in decided if isinstance(v, EffectVerdict)]
         on, off = (tuple(v.effect.name for v in effects if v.state == state) for state in ("on", "off"))
@@ -262,7 +264,8 @@ class Run:
         make_arrays(plan, self.rules.terms)
 
     def _change_paths(self, plan: Plan) -> None:
-        """Camera paths go between cameras that are believed: tasks of those that go elsewhere give way to others."""
+        """Camera paths go between cameras that are believed, as these stand: tasks of those that go elsewhere give way
+        to others."""
         name, paths = plan.context.sequence.name, plan.context.paths
         gone = [t for t in self.order if t.sequence == name and t.path is not None and t.path not in paths]
         come = [t for t in tasks(plan.context) if t.path is not None and t not in self.order]
@@ -270,7 +273,9 @@ class Run:
             return
         for task in come:
             self.order[task] = len(self.order)
-            plan.verdicts[task] = TaskVerdict(task, State.UNDECIDED, ("other cameras are believed",))
+            plan.verdicts[task] = TaskVerdict(
+                task, State.UNDECIDED, ("other cameras are believed, or they stand otherwise",)
+            )
         self.tell(TasksChanged(tuple(gone), tuple(come)))
         for task in gone:
             plan.verdicts.pop(task, None)

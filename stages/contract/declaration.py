@@ -149,9 +149,9 @@ class Evidence:
     facts: Facts
     """What the capture has."""
     rig: Rig
-    """Cameras of `frames/*`."""
+    """Cameras of `frames/*`, as they are calibrated."""
     source_rig: Rig
-    """Cameras as calibrated."""
+    """Cameras as calibrated, with their lenses."""
     captured_size: np.ndarray
     """[V, 2] (width, height) of the captured pictures, px."""
     captured_to_calibrated: np.ndarray
@@ -192,6 +192,10 @@ class Effect(Generic[Looked]):
     asks: tuple[str, ...] = ()
     """Outputs of sequence-wide stages that the measure is made of; empty where cameras and settings suffice. Those of
     a later stage are asked for only where those of the earlier ones leave it open."""
+    stand: Callable[[Rig, Mapping[str, np.ndarray]], Rig] | None = None
+    """(cameras as calibrated, what of `uses` is noted) -> the cameras as they stand while the effect is on."""
+    uses: tuple[str, ...] = ()
+    """Outputs of sequence-wide stages that `stand` looks at: noted before the effect is on, be it forced."""
     lacks: Callable[[Looked], str | None] = lambda evidence: None
     """What this capture lacks for the effect, which is off then whatever the settings say; or None."""
     refusal: Callable[[Looked], str | None] = lambda evidence: None
@@ -324,7 +328,8 @@ class Stage:
     whatever the sources' growth, until a run says `--from` this stage or works on frames of which it saw less than
     half. An output made only when asked for has `when` = its name, one made with it that name, too."""
     cameras: Callable[[Rig, Any], Rig] | None = None
-    """(cameras as calibrated, params) -> the cameras it sees; None: those of `frames/*`, as their stage declares."""
+    """(cameras as calibrated, params) -> the cameras it sees; None: those of `frames/*`, as their stage declares. Where
+    an effect says how they stand, all but sequence-wide stages see them so."""
     facts: Callable[[Capture, Views, Any, Facts], Iterable[str]] = lambda capture, views, params, facts: ()
     """Facts that it can tell of a capture: (capture, roles of the cameras, params, facts told by the stages before)."""
     joint_set: Callable[[Capture, Views, Any, Facts], str | None] | None = None

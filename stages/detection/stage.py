@@ -6,6 +6,7 @@ from posegaussian.stages.contract.declaration import Choice, Read, Resources, St
 from posegaussian.stages.contract.facts import ESTIMATED, SEGMENTED, Facts
 from posegaussian.stages.detection.asset import ESTIMATOR, joint_set, named_joint_set, settled, told_facts
 from posegaussian.stages.detection.params import DetectionParams, estimator_choice, refusal
+from posegaussian.stages.imaging.calibration import CALIBRATION_CORRECTION
 from posegaussian.stages.imaging.pixel_effects import CROP_SCALE, UNDISTORTION
 from posegaussian.storage.model.joint_sets import JOINT_SETS
 from posegaussian.storage.model.spec import ArraySpec, Shape
@@ -76,7 +77,7 @@ STAGE = Stage(
     needs=needs,
     unneeded=unneeded,
     refusal=refusal,
-    effects=(UNDISTORTION, CROP_SCALE),
+    effects=(UNDISTORTION, CROP_SCALE, CALIBRATION_CORRECTION),
     choices=(Choice("estimator", estimator_choice),),
     facts=told_facts,
     joint_set=joint_set,

@@ -30,6 +30,7 @@ from posegaussian.stages.frames.params import (
     resolve_matte,
     wants_segmentation,
 )
+from posegaussian.stages.imaging.calibration import CALIBRATION_CORRECTION
 from posegaussian.stages.imaging.camera_mapping import frames_rig
 from posegaussian.stages.imaging.pixel_effects import CROP_SCALE, UNDISTORTION
 from posegaussian.storage.model.capture import Capture
@@ -203,7 +204,15 @@ STAGE = Stage(
     params=FramesParams,
     needs=needs,
     refusal=refusal,
-    effects=(UNDISTORTION, CROP_SCALE, NOISE_AVERAGING, EXPOSURE_MATCHING, OUTLINE_CORRECTION, TONE_MAPPING),
+    effects=(
+        UNDISTORTION,
+        CROP_SCALE,
+        CALIBRATION_CORRECTION,
+        NOISE_AVERAGING,
+        EXPOSURE_MATCHING,
+        OUTLINE_CORRECTION,
+        TONE_MAPPING,
+    ),
     choices=(Choice("matte", matte_choice),),
     cameras=lambda rig, params: frames_rig(rig, params.size),
     facts=told_facts,

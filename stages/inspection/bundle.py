@@ -15,6 +15,7 @@ import numpy as np
 
 from posegaussian.stages.geometry.epipolar import fundamental, signed_epipolar_distance
 from posegaussian.stages.geometry.points import NEAR
+from posegaussian.stages.imaging.small_turns import rotation_by
 from posegaussian.storage.model.cameras import Rig, rigid
 
 STEPS = 12
@@ -60,7 +61,8 @@ def refit(rig: Rig, seen: np.ndarray, space: np.ndarray) -> Refit | None:
         weights = there * np.minimum(1.0, max(1.4826 * after, 1e-6) / np.maximum(distance, 1e-9))
         turns, shifts, steps = _step(rig, poses, camera, offsets, weights)
         for v in range(len(rig)):
-            poses[v] = rigid(_turn(turns[v]) @ poses[v, :3, :3], _turn(turns[v]) @ poses[v, :3, 3] + shifts[v])
+            turn = rotation_by(turns[v])
+            poses[v] = rigid(turn @ poses[v, :3, :3], turn @ poses[v, :3, 3] + shifts[v])
         moved = moved + steps
     return Refit(replace(rig, world_to_camera=poses), moved, valid, before, after)
 
@@ -131,12 +133,3 @@ def _cross(v: np.ndarray) -> np.ndarray:
     return np.stack(
         [np.stack([o, -z, y], axis=-1), np.stack([z, o, -x], axis=-1), np.stack([-y, x, o], axis=-1)], axis=-2
     )
-
-
-def _turn(vector: np.ndarray) -> np.ndarray:
-    """[3, 3] rotation by a vector [3], rad (Rodrigues)."""
-    angle = float(np.linalg.norm(vector))
-    if angle < 1e-12:
-        return np.eye(3)
-    k = _cross(vector / angle)
-    return np.asarray(np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * (k @ k))

@@ -13,6 +13,7 @@ from posegaussian.stages.inspection.finding import Finding, FindingVerdict, unme
 from posegaussian.stages.inspection.footage import Footage, inputs_of
 from posegaussian.stages.inspection.planned import Planned
 from posegaussian.stages.survey.algorithms.agreement import agreement_of_view
+from posegaussian.stages.survey.algorithms.links import in_common
 from posegaussian.stages.survey.algorithms.sample import sample_numbers
 from posegaussian.stages.survey.params import LONGEST, SurveyParams
 from posegaussian.stages.survey.trust import TRUST
@@ -37,7 +38,8 @@ def _verdicts(footage: Footage, planned: Planned) -> dict[str, CameraVerdict]:
         views=Views(footage.names, tuple(sources), ()),
     )
     inputs, numbers = inputs_of(scope, footage), sample_numbers(footage.common, SurveyParams().sample)
-    pairs = np.stack([agreement_of_view(inputs, v, numbers)[sources] for v in sources])
+    told = [agreement_of_view(inputs, v, numbers, in_common(inputs, v, numbers)) for v in sources]
+    pairs = np.stack([of_view[sources] for of_view in told])
     return judged_cameras(TRUST, names, planned.trust, dict.fromkeys(TRUST.asks, pairs))
 
 

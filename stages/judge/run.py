@@ -10,6 +10,7 @@ import numpy as np
 from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.contract.judged import (
+    CALIBRATION,
     COLOR,
     DEPTH,
     EXPOSURE,
@@ -19,6 +20,7 @@ from posegaussian.stages.contract.judged import (
     NONE,
     POSE,
     SHARED_LIGHT,
+    TURNS,
     mean_of_asked,
     mean_scores,
 )
@@ -38,25 +40,29 @@ from posegaussian.stages.judge.left_out import left_out
 from posegaussian.stages.judge.light import POINTS, shared_light
 from posegaussian.stages.judge.memory import Frames
 from posegaussian.stages.judge.params import JudgeParams
+from posegaussian.stages.judge.turning import as_filmed, turns_of
 from posegaussian.stages.network.choice import CANDIDATES
 from posegaussian.stages.network.choice import best_of as best_weights
 from posegaussian.stages.network.params import NONE as NO_WEIGHTS
 from posegaussian.stages.rendering.facts import POSE_BLENDING, VIEW_DEPENDENT_COLOR
 
-COUNT = {DEPTH: len(BY_PICTURES), EXPOSURE: 2, LEARNED: len(CANDIDATES), COLOR: 2, POSE: 2}
+COUNT = {CALIBRATION: 2, DEPTH: len(BY_PICTURES), EXPOSURE: 2, LEARNED: len(CANDIDATES), COLOR: 2, POSE: 2}
 """Candidates of each choice."""
 PLAIN, BLENDED, WEIGHED = (Facts(frozenset(on)) for on in ((), (VIEW_DEPENDENT_COLOR,), (POSE_BLENDING,)))
 
 
 def run(inputs: Inputs, params: JudgeParams) -> Iterator[Block]:
-    """Yield `judge/depth`, `judge/exposure`, `judge/network`, `judge/pose` and `judge/color` [picture, candidate,
-    measure], and `judge/shared_light` [V, V, point, 3], as far as asked for.
+    """Yield `judge/calibration`, `judge/depth`, `judge/exposure`, `judge/network`, `judge/pose` and `judge/color`
+    [picture, candidate, measure], `judge/turns` [V, 3] and `judge/shared_light` [V, V, point, 3], as far as asked for.
 
-    Depth methods are compared in pictures without gains: what they match does not follow from a camera's exposure.
+    Where turned cameras draw left-out views better, all else is compared with them. Depth methods are compared in
+    pictures without gains: what they match does not follow from a camera's exposure.
     Gains are compared by the method that is picked, or that is set, and colours by angle with the gains that drew best.
     """
-    asked = [name for name in (DEPTH, EXPOSURE, LEARNED, POSE, COLOR) if name in inputs.facts]
+    asked = [name for name in (CALIBRATION, DEPTH, EXPOSURE, LEARNED, POSE, COLOR) if name in inputs.facts]
     found = dict(_compared(inputs, params, asked)) if len(inputs.views.sources) >= FEWEST else {}
+    if TURNS in inputs.facts:
+        yield Block(TURNS, turns_of(inputs))
     if SHARED_LIGHT in inputs.facts:
         light = found.get(SHARED_LIGHT)
         yield Block(SHARED_LIGHT, _features(inputs) if light is None else light)
@@ -70,13 +76,17 @@ def run(inputs: Inputs, params: JudgeParams) -> Iterator[Block]:
 def _compared(inputs: Inputs, params: JudgeParams, asked: list[str]) -> Iterator[tuple[str, np.ndarray]]:
     """(array, [picture, candidate, measure]), and the light that views share."""
     depth, views = inputs.settings["depth"], left_out(inputs.rig, inputs.views.sources, params.views)
-    frames = frames_of(inputs, params.frames)
-    filmed = frames.read("frames/color")
     methods: tuple[str, ...] = BY_PICTURES[-1:] if depth.method == AUTO else (depth.method,)
     if DEPTH in asked:
         methods = tried_methods(inputs.rig, inputs.views.sources)
     if any(METHODS[m].of_frame is None for m in methods):
         return  # depth that came with the capture lies in files that no frame here holds
+    if CALIBRATION in asked:
+        frames, with_turns = as_filmed(inputs, params.frames, turns_of(inputs), methods[-1], views)
+        yield CALIBRATION, with_turns
+    else:
+        frames = frames_of(inputs, params.frames)
+    filmed = frames.read("frames/color")
     made = {m: with_gaussians(frames, depth, m, body_facts(inputs, m)) for m in methods}
     drawn = {m: scores(made[m], filmed, views, PLAIN) for m in methods}
     best = methods[0]

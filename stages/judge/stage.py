@@ -5,6 +5,7 @@ from __future__ import annotations
 from posegaussian.stages.contract.declaration import Read, Resources, Stage
 from posegaussian.stages.contract.facts import ESTIMATED, JOINTS2D, JOINTS3D, SEGMENTED, SEVERAL_FRAMES, Facts
 from posegaussian.stages.contract.judged import (
+    CALIBRATION,
     COLOR,
     DEPTH,
     EXPOSURE,
@@ -16,9 +17,11 @@ from posegaussian.stages.contract.judged import (
     PLATE_MATTE,
     POSE,
     SHARED_LIGHT,
+    TURNS,
 )
 from posegaussian.stages.depth.methods.registry import BY_PICTURES
 from posegaussian.stages.frames.exposures import SURFACE
+from posegaussian.stages.imaging.calibration import LINKS
 from posegaussian.stages.imaging.camera_mapping import frames_rig
 from posegaussian.stages.judge.params import JudgeParams
 from posegaussian.stages.network.asset import SHIPPED_NETWORKS
@@ -38,6 +41,10 @@ def needs(shape: Shape, params: JudgeParams) -> Resources:
 
 def _compared(params: JudgeParams, facts: Facts) -> bool:
     return SHARED_LIGHT in facts
+
+
+def _turned(params: JudgeParams, facts: Facts) -> bool:
+    return TURNS in facts or CALIBRATION in facts
 
 
 def unneeded(params: JudgeParams, facts: Facts) -> str | None:
@@ -83,10 +90,31 @@ STAGE = Stage(
         Read("survey/joint_fit", views="sources", when=_fit),
         Read("survey/plate", views="sources", when=_plate),
         Read("survey/spread", views="sources", when=_plate),
+        Read(LINKS, views="sources", when=_turned),
         Read(SURFACE, views="sources", when=_compared),
         Read.source(SHIPPED_NETWORKS.name, when=lambda p, f: LEARNED in f),
     ),
     writes=(
+        ArraySpec(
+            TURNS,
+            ("one_view", "axis"),
+            "float64",
+            "rad",
+            "By how much each source view stands turned against its calibration, about its own axes, so that what pairs"
+            " of them share lies on each other's lines; 0 of every other camera.",
+            when=TURNS,
+            noted=True,
+        ),
+        ArraySpec(
+            CALIBRATION,
+            ("judged", "switch", "score"),
+            "float64",
+            "1",
+            "PSNR in dB, SSIM and coverage of pictures of left-out source views with cameras as they are written down"
+            " and turned; -1 where none was drawn.",
+            when=CALIBRATION,
+            noted=True,
+        ),
         ArraySpec(
             DEPTH,
             ("judged", "depth_method", "score"),

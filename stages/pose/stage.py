@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from posegaussian.stages.contract.declaration import Read, Resources, Stage
 from posegaussian.stages.contract.facts import ESTIMATED, JOINTS2D, JOINTS3D, SEGMENTED, TRACKED, Facts
+from posegaussian.stages.imaging.calibration import CALIBRATION_CORRECTION
 from posegaussian.stages.imaging.pixel_effects import CROP_SCALE, UNDISTORTION
 from posegaussian.stages.pose.effects import POSE_HEATMAPS
 from posegaussian.stages.pose.params import PoseParams, halo, uses_model_maps
@@ -72,5 +73,5 @@ STAGE = Stage(
     params=PoseParams,
     needs=needs,
     unneeded=unneeded,
-    effects=(UNDISTORTION, CROP_SCALE, POSE_HEATMAPS),
+    effects=(UNDISTORTION, CROP_SCALE, CALIBRATION_CORRECTION, POSE_HEATMAPS),
 )

@@ -18,6 +18,10 @@ SPECK = 0.02
 """Area of a part of a mask, over that of its largest part, below which it is dirt."""
 MARGIN = 3
 """Px from the picture's border within which an outline may go on beyond it."""
+FINER, LARGEST = 2, 2048
+"""Outlines are looked for at so many times the mask's resolution, of pictures up to so many px: foreground that ends at
+whole pixels says 0.04 to 0.16 px of exact cameras (median of a scene, 512 px), halves of them 0.02 to 0.12, quarters no
+less."""
 WIDEST = 90.0
 """Degrees about the baseline that a silhouette may take up: a camera that sees the other one beside the subject has no
 two sides."""
@@ -26,6 +30,9 @@ two sides."""
 def outline(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Of a mask [h, w] uint8: the corners [n, 2] px of the convex hull of its foreground, and which of them [n] lie
     away from the border of the picture."""
+    finer = FINER if max(mask.shape) <= LARGEST else 1
+    if finer > 1:
+        mask = cv2.resize(mask, None, fx=finer, fy=finer, interpolation=cv2.INTER_CUBIC)
     inside = foreground(mask).astype(np.uint8)
     parts, _ = cv2.findContours(inside, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     areas = [cv2.contourArea(p) for p in parts]
@@ -34,8 +41,9 @@ def outline(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return np.zeros((0, 2)), np.zeros(0, bool)
     corners = cv2.convexHull(np.concatenate(kept))[:, 0].astype(np.float64)
     height, width = mask.shape
-    free = ((corners >= MARGIN) & (corners < np.array([width, height]) - MARGIN)).all(axis=1)
-    return points_from_integer_centres(corners), np.asarray(free)
+    margin = finer * MARGIN
+    free = ((corners >= margin) & (corners < np.array([width, height]) - margin)).all(axis=1)
+    return points_from_integer_centres(corners) / finer, np.asarray(free)
 
 
 def touching(

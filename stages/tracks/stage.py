@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from posegaussian.stages.contract.declaration import Read, Resources, Stage
 from posegaussian.stages.contract.facts import ESTIMATED, TRACKED, Facts
+from posegaussian.stages.imaging.calibration import CALIBRATION_CORRECTION
 from posegaussian.stages.imaging.camera_mapping import frames_rig
 from posegaussian.stages.imaging.pixel_effects import CROP_SCALE, UNDISTORTION
 from posegaussian.stages.tracks.params import LONGEST, TracksParams
@@ -63,6 +64,6 @@ STAGE = Stage(
     params=TracksParams,
     needs=needs,
     unneeded=unneeded,
-    effects=(UNDISTORTION, CROP_SCALE),
+    effects=(UNDISTORTION, CROP_SCALE, CALIBRATION_CORRECTION),
     cameras=lambda rig, params: frames_rig(rig, LONGEST),
 )

@@ -34,6 +34,8 @@ FIXED_DIMS = {
     "told": 2,
     "patch": 192,
     "point": 64,
+    "link": 24,
+    "two_xy": 4,
     "outcome": 8,
     "heads": 8,
     "region": 4,

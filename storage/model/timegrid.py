@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+
+from posegaussian.storage.model.errors import ConfigError
 
 
 def parse_range(text: str) -> tuple[int | None, int | None, int]:
@@ -38,6 +40,17 @@ def select(numbers: Sequence[int] | np.ndarray, text: str) -> np.ndarray:
     first = int(numbers[0]) if start is None else start
     last = int(numbers[-1]) + 1 if stop is None else stop
     return numbers[(numbers >= first) & (numbers < last) & ((numbers - first) % stride == 0)]
+
+
+def late_frames(names: Sequence[str], offsets: Mapping[str, float], sequence: str) -> tuple[int, ...]:
+    """[V] whole frames by which each camera is late, from `frames.time_offset`; `sequence` is named in the errors.
+    Raises ConfigError for cameras that there are none of."""
+    for name in offsets:
+        if name not in names:
+            raise ConfigError(
+                f"frames.time_offset: sequence {sequence} has no camera {name!r}; it has {', '.join(names)}"
+            )
+    return tuple(round(offsets.get(n, 0.0)) for n in names)
 
 
 @dataclass(frozen=True)

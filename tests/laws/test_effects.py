@@ -219,7 +219,11 @@ def heatmap_error(p: Pipeline, truth: Pipeline, array: str) -> float:
 
 def test_noisy_joints_are_smoothed_and_come_closer_to_the_true_ones(tmp_path: Path) -> None:
     clean, jittering = filmed(frames=10, motion="stand"), noisy(filmed(frames=10, motion="stand"))
-    truth, on = pipeline(tmp_path / "clean", clean, partition=5), pipeline(tmp_path / "noisy", jittering, partition=5)
+    as_written = "effects.calibration_correction=off"
+    truth, on = (
+        pipeline(tmp_path / name, scene, as_written, partition=5)
+        for name, scene in (("clean", clean), ("noisy", jittering))
+    )
     truth.run(selection=HEATMAPS, expect_failure=True)
     on.run(selection=HEATMAPS, expect_failure=True)
     decision = on.plan().context.effects["temporal_smoothing"].decision
@@ -300,7 +304,7 @@ def test_heatmaps_are_drawn_where_there_are_joints_and_nowhere_else(tmp_path: Pa
     without = pipeline(tmp_path / "without", {**scene, "joints2d": None})
     assert state(without, "pose_heatmaps") == "off"
     assert {"pose", "smoothing"} <= without.plan().unneeded.keys()
-    silent = pipeline(tmp_path / "with", scene, "effects.pose_heatmaps=off")
+    silent = pipeline(tmp_path / "with", scene, "effects.pose_heatmaps=off", "effects.calibration_correction=off")
     silent.run(selection=Selection(only=frozenset({"pose"})), expect_failure=True)
     assert (silent.root / "person/pose/joints2d").exists()
     assert not (silent.root / "person/pose/heatmaps").exists()
@@ -333,6 +337,7 @@ def test_off_is_bit_identical_to_absent(tmp_path: Path, monkeypatch: pytest.Monk
     ("effect", "work"),
     [
         ("undistortion", "posegaussian.stages.imaging.camera_mapping.distort"),
+        ("calibration_correction", "posegaussian.stages.survey.algorithms.agreement.links_of_view"),
         ("exposure_matching", "posegaussian.stages.frames.run.gain_table"),
         ("exposure_matching", "posegaussian.stages.survey.algorithms.surface.SurfaceLook"),
         ("outline_correction", "posegaussian.stages.survey.algorithms.outlines.outline_offsets"),

@@ -33,6 +33,7 @@ from posegaussian.storage.exporters.images_layout import write_capture
 
 NAME = "person"
 FORCED = {
+    "calibration_correction": "off",
     "temporal_smoothing": "on",
     "noise_averaging": "off",
     "exposure_matching": "off",

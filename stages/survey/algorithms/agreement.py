@@ -11,36 +11,34 @@ from posegaussian.stages.contract.facts import JOINTS2D, MASKS
 from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.contract.trust import KINDS
 from posegaussian.stages.geometry.epipolar import fundamental, signed_epipolar_distance
-from posegaussian.stages.geometry.matches import epipolar_fit
-from posegaussian.stages.geometry.points import to_frames
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.imaging.warp import Warp
 from posegaussian.stages.silhouettes.agreement import FEWEST, unexplained
 from posegaussian.stages.silhouettes.hull import Silhouettes, searched_radius
-from posegaussian.stages.silhouettes.tangents import outline, touching
-from posegaussian.stages.survey.algorithms.joints import FRAMES, SCORE, people_of
+from posegaussian.stages.survey.algorithms.joints import SCORE, people_of
+from posegaussian.stages.survey.algorithms.links import InCommon, few_of, in_common, links_of_view
 from posegaussian.stages.survey.algorithms.look import NO_FRAMES, Look
-from posegaussian.stages.survey.algorithms.sample import sample_numbers
 from posegaussian.stages.survey.algorithms.silhouettes import masks_of
-from posegaussian.stages.survey.algorithms.surface import Seen, compared_numbers, later, seen, shared
+from posegaussian.stages.survey.algorithms.surface import Seen, compared_numbers, later, seen
 from posegaussian.storage.model.cameras import Rig
 
 WITHIN = 1.0
 """Px of the captured pictures within which features and outlines count as in place: masks end at whole pixels."""
 FEWEST_JOINTS = 6
 """Joints that two cameras must both see of a person."""
-Outline = tuple[np.ndarray, np.ndarray]
 
 
 class AgreementLook(Look):
-    """survey/agreement [V, 4, 2] of one view: `agreement_of_view`."""
+    """survey/agreement [V, 4, 2] and survey/links [V, POINTS, 4] of one view, as far as they are asked for:
+    `agreement_of_view`, `links_of_view`."""
 
-    def __init__(self, name: str, inputs: Inputs, view: int, sample: np.ndarray) -> None:
-        """sample: the view's sampled source frames."""
-        self._name, self._inputs, self._view, self._sample = name, inputs, view, sample
+    def __init__(self, names: tuple[str, str], inputs: Inputs, view: int, sample: np.ndarray) -> None:
+        """names: of the two arrays; sample: the view's sampled source frames."""
+        self._agreement, self._links = names
+        self._inputs, self._view, self._sample = inputs, view, sample
         self._own: dict[int, Seen] = {}
         self.numbers = compared_numbers(sample) if later(inputs, view) else NO_FRAMES
-        self.joints_of_all = _few(sample)
+        self.joints_of_all = few_of(sample) if self._agreement in inputs.facts else NO_FRAMES
 
     def see(self, number: int, picture: np.ndarray, shown: np.ndarray) -> None:
         """Features of one frame."""
@@ -50,40 +48,35 @@ class AgreementLook(Look):
 
     def blocks(self) -> Iterator[Block]:
         """Compared with the later views."""
-        yield Block(self._name, agreement_of_view(self._inputs, self._view, self._sample, self._own), self._view)
+        inputs, view = self._inputs, self._view
+        pairs = in_common(inputs, view, self._sample, self._own)
+        if self._agreement in inputs.facts:
+            yield Block(self._agreement, agreement_of_view(inputs, view, self._sample, pairs), view)
+        if self._links in inputs.facts:
+            yield Block(self._links, links_of_view(inputs.rig, view, pairs), view)
 
 
-def _few(numbers: np.ndarray) -> np.ndarray:
-    return sample_numbers(numbers, FRAMES) if len(numbers) else NO_FRAMES
-
-
-def agreement_of_view(
-    inputs: Inputs, view: int, numbers: np.ndarray, own: Mapping[int, Seen] | None = None
-) -> np.ndarray:
+def agreement_of_view(inputs: Inputs, view: int, numbers: np.ndarray, pairs: Mapping[int, InCommon]) -> np.ndarray:
     """[V, 4, 2] float32: how far what a source view and each later one see lies beside their epipolar lines, by
     features, outlines and joints: median beyond a captured pixel, as a share of the longer side of the picture, and how
     many tell; 0 where none do. Last by carving, `_carved`.
 
     Of a few of the sampled source frames `numbers` [n]. Features tell by count of the right ones, outlines by that of
-    the sides that are seen, joints by that of the frames. `own`: what is known of the view's own pictures, by frame.
+    the sides that are seen, joints by that of the frames. `pairs`: what the view shares with each later one.
     """
     out = np.zeros((len(inputs.rig), len(KINDS), 2), np.float32)
-    others = later(inputs, view)
-    matched, few = compared_numbers(numbers), _few(numbers)
     if MASKS in inputs.facts and view in inputs.views.sources:
-        out[:, KINDS.index("carving")] = _carved(inputs, view, matched)
-    if not others:
-        return out
-    outlines = {v: _outlines(inputs, v, few) for v in (view, *others)} if MASKS in inputs.facts else {}
-    people = {v: _people(inputs, v, few) for v in (view, *others)} if JOINTS2D in inputs.facts else {}
-    for v in others:
-        pair, longest = (view, v), float(inputs.rig.size[[view, v]].max())
+        out[:, KINDS.index("carving")] = _carved(inputs, view, compared_numbers(numbers))
+    few = few_of(numbers)
+    people = {v: _people(inputs, v, few) for v in (view, *pairs)} if JOINTS2D in inputs.facts and pairs else {}
+    for v, shared in pairs.items():
+        longest = float(inputs.rig.size[[view, v]].max())
         told = (
-            _features(inputs, pair, matched, own or {}, longest),
-            _by_outlines(inputs.rig, pair, outlines),
-            _by_joints(inputs.rig, pair, people),
+            (shared.features.off, len(shared.features.first)),
+            (shared.outlines.off, len(shared.outlines.first)),
+            _by_joints(inputs.rig, (view, v), people),
         )
-        pixel = WITHIN * _pixel(inputs, pair)
+        pixel = WITHIN * _pixel(inputs, (view, v))
         for kind, (distance, count) in enumerate(told):
             out[v, kind] = max(0.0, distance - pixel) / longest, count
     return out
@@ -94,48 +87,6 @@ def _pixel(inputs: Inputs, pair: tuple[int, int]) -> float:
     views = list(pair)
     shrunk = inputs.rig.size[views, 0] / inputs.source_rig.size[views, 0]
     return float((inputs.captured_to_calibrated[views, 0] * shrunk).max())
-
-
-def _features(
-    inputs: Inputs, pair: tuple[int, int], numbers: np.ndarray, own: Mapping[int, Seen], longest: float
-) -> tuple[float, int]:
-    """Px by which the right ones of the features that two cameras share miss their lines, and how many these are."""
-    found = []
-    for number in map(int, numbers):
-        first = own.get(number) or seen(inputs, pair[0], number)
-        second = seen(inputs, pair[1], number) if first is not None else None
-        if first is not None and second is not None:
-            both = shared(inputs, pair, number, first, second)
-            found.append(np.concatenate([p[both.mapped] for p in both.pixels], axis=1))
-    points = np.concatenate(found) if found else np.zeros((0, 4))
-    # What stands still is matched in every frame at the same place; it counts once.
-    _, once = np.unique(points.round(0), axis=0, return_index=True)
-    points = points[np.sort(once)]
-    fit = epipolar_fit(fundamental(inputs.rig, *pair), points[:, :2], points[:, 2:], longest)
-    return (0.0, 0) if fit.error is None else (fit.error, int(fit.agree.sum()))
-
-
-def _outlines(inputs: Inputs, view: int, numbers: np.ndarray) -> dict[int, Outline]:
-    """Outlines of a view's masks by source frame, px of the rig."""
-    had = set(map(int, inputs.source("pictures").numbers(view)))
-    chosen, found = [n for n in map(int, numbers) if n in had], {}
-    for number, mask in zip(chosen, inputs.source("masks").read(view, chosen) if chosen else (), strict=True):
-        corners, free = outline(mask)
-        crop = inputs.captured_to_calibrated[view]
-        pixels, mapped = to_frames(corners, crop, inputs.source_rig, inputs.rig, view)
-        found[number] = pixels[mapped], free[mapped]
-    return found
-
-
-def _by_outlines(rig: Rig, pair: tuple[int, int], outlines: Mapping[int, Mapping[int, Outline]]) -> tuple[float, int]:
-    """Px by which the outermost points of two cameras' outlines miss their lines, and of how many sides."""
-    if not outlines:
-        return 0.0, 0
-    first, second = (outlines[v] for v in pair)
-    touched = [touching(rig, pair, first[n], second[n]) for n in sorted(first.keys() & second.keys())]
-    off = [signed_epipolar_distance(fundamental(rig, *pair), x, y) for x, y in touched]
-    known = np.abs(np.concatenate(off)) if off else np.zeros(0)
-    return (float(np.median(known)), len(known)) if len(known) else (0.0, 0)
 
 
 def _carved(inputs: Inputs, view: int, numbers: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from posegaussian.stages.imaging.calibration import LINKS
 from posegaussian.stages.survey.algorithms.look import Look
 from posegaussian.stages.survey.measures.declaration import Measure, Sampled, of
 from posegaussian.storage.model.spec import ArraySpec
@@ -12,7 +13,7 @@ NAME = "survey/agreement"
 def _look(s: Sampled) -> Look:
     from posegaussian.stages.survey.algorithms.agreement import AgreementLook
 
-    return AgreementLook(NAME, s.inputs, s.view, s.chosen)
+    return AgreementLook((NAME, LINKS), s.inputs, s.view, s.chosen)
 
 
 MEASURE = Measure(
@@ -26,6 +27,16 @@ MEASURE = Measure(
             " outlines and joints: median beyond a captured px, share of the longer side; last the share of its"
             " foreground that each other mask alone carves away, at its own place all; and how many tell.",
             when=NAME,
+            noted=True,
+        ),
+        ArraySpec(
+            LINKS,
+            ("view", "other_view", "link", "two_xy"),
+            "float32",
+            "1",
+            "What a source view and each later one both see, at most twelve outermost points of outlines, then twelve"
+            " features: x and y at z = 1 in the axes of the one camera and of the other; 0 where there is none.",
+            when=LINKS,
             noted=True,
         ),
     ),

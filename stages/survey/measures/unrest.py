@@ -33,7 +33,7 @@ class UnrestLook(Look):
 
     def blocks(self) -> Iterator[Block]:
         """The median."""
-        from posegaussian.stages.survey.algorithms.unrest import unrest
+        from posegaussian.stages.survey.algorithms.noise import unrest
 
         seen = self._pictures
         found = [unrest(seen[a], seen[b]) for a, b in self._next.items() if a in seen and b in seen]

@@ -67,7 +67,9 @@ def test_before_the_survey_effects_are_open_and_their_stages_wait_for_it(fresh: 
     surveys = {Task(NAME, "survey", None, v) for v in plan.context.views.sources}
     assert surveys <= set(dependencies(plan.context, Task(NAME, "frames", 0, 0)))
     assert surveys <= set(dependencies(plan.context, Task(NAME, "smoothing", 0)))
-    assert not surveys & set(dependencies(plan.context, Task(NAME, "pose", 0))), "nothing of pose is open"
+    assert surveys <= set(dependencies(plan.context, Task(NAME, "pose", 0))), "how cameras stand is open"
+    told = fresh.with_settings("effects.calibration_correction=off").plan().context
+    assert not surveys & set(dependencies(told, Task(NAME, "pose", 0))), "nothing of pose is open"
 
 
 def test_a_run_decides_after_the_survey_and_goes_on(fresh: Pipeline) -> None:
@@ -77,6 +79,7 @@ def test_a_run_decides_after_the_survey_and_goes_on(fresh: Pipeline) -> None:
     # features tell no light of so small pictures; what the judge's depth shows of the surface might
     assert [s.split(" (auto): ")[0] for s in by_judge.sentences] == ["exposure_matching off"]
     assert [s.split(" (auto): ")[0] for s in told.sentences] == [
+        "calibration_correction off",
         "noise_averaging off",
         "outline_correction off",
         "temporal_smoothing off",
@@ -91,7 +94,7 @@ def test_a_run_decides_after_the_survey_and_goes_on(fresh: Pipeline) -> None:
     stages = [s for s, _ in order]
     assert "smoothing" not in stages
     assert max(order.index(("survey", v)) for v in range(6)) < stages.index("frames")
-    assert stages.index("pose") < stages.index("frames")
+    assert max(order.index(("survey", v)) for v in range(6)) < stages.index("pose"), "how cameras stand is open"
     plan = fresh.plan()
     assert plan.all_fresh
     assert plan.unneeded["smoothing"] == "the effect temporal_smoothing is off"
@@ -195,6 +198,7 @@ def test_forcing_overrides_the_measure_and_is_named_with_old_and_new_state(
 def test_a_forced_effect_asks_nothing_of_the_survey(fresh: Pipeline) -> None:
     forced = fresh.with_settings(
         "effects.temporal_smoothing=on",
+        "effects.calibration_correction=off",
         "effects.noise_averaging=off",
         "effects.exposure_matching=off",
         "effects.outline_correction=off",
@@ -207,6 +211,7 @@ def test_a_forced_effect_asks_nothing_of_the_survey(fresh: Pipeline) -> None:
     )
     assert "survey" in forced.plan().unneeded
     half = fresh.with_settings(
+        "effects.calibration_correction=off",
         "effects.noise_averaging=off",
         "effects.exposure_matching=off",
         "effects.outline_correction=off",

@@ -157,6 +157,7 @@ def test_what_a_capture_lacks_has_no_tasks(tmp_path: Path) -> None:
     assert stages("h", cameras=3) == everything - {"refinement"}, "two sources, and none of them can judge"
     unasked = dict.fromkeys(
         (
+            "calibration_correction",
             "noise_averaging",
             "exposure_matching",
             "outline_correction",

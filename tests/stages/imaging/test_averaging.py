@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from posegaussian.stages.imaging.averaging import REACH, averaged, averaged_depth, sameness
-from posegaussian.stages.survey.algorithms.unrest import unrest
+from posegaussian.stages.survey.algorithms.noise import unrest
 
 SIGMA = 4.0
 
