@@ -2,7 +2,8 @@
 stages become decisions, with reasons.
 
 What needs a measure of the frames stays undecided until the stages that take it ran; work behind it waits for them.
-Only the decision enters fingerprints, so neither ten more frames nor a slightly different measure make anything stale.
+Only the decision enters fingerprints, so neither ten more frames nor a slightly different measure make anything stale;
+and the cameras as they stand, where an effect turns them.
 
 No stage runs without a reader. An output that is kept `until_done` serves its readers; every other one is a result. A
 stage that makes no result and whose outputs no stage reads is not needed, and an effect that only such a stage has, or

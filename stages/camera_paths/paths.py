@@ -19,7 +19,7 @@ from posegaussian.stages.camera_paths.stretch import Stretch, around, best_stret
 from posegaussian.stages.contract.io import Views
 from posegaussian.stages.geometry.pairs import MAX_ANGLE
 from posegaussian.stages.geometry.subject import look_at_point, up_direction
-from posegaussian.storage.model.cameras import CameraPath, Rig, rigid
+from posegaussian.storage.model.cameras import CameraPath, Rig, rigid, rotation_matrix
 from posegaussian.storage.model.errors import CalibrationError, UserError
 
 STEPS = 48
@@ -241,7 +241,7 @@ def _sway(rig: Rig, views: Views, words: list[str], text: str, frames: int, dist
     for sideways, upwards in zip(
         np.deg2rad(swing) * np.sin(phase), np.deg2rad(swing) * RISE * np.sin(2 * phase), strict=True
     ):
-        turn = _rotation(np.array([0.0, sideways, 0.0])) @ _rotation(np.array([upwards, 0.0, 0.0]))
+        turn = rotation_matrix(np.array([0.0, sideways, 0.0])) @ rotation_matrix(np.array([upwards, 0.0, 0.0]))
         poses.append(rigid(turn @ r, turn @ (t - pivot) + pivot))
     return _moving(
         "sway", np.repeat(rig.intrinsics[view][None], steps, axis=0), np.stack(poses), rig.size[view], frames
@@ -264,7 +264,7 @@ def _arc(rig: Rig, a: int, b: int, frames: int) -> CameraPath:
     share = np.linspace(0, 1, steps)
     poses = []
     for s in share:
-        rotation = ra @ _rotation(turn * s).T
+        rotation = ra @ rotation_matrix(turn * s).T
         poses.append(rigid(rotation, _between(xa, xb, float(s)) - rotation @ subject))
     poses[0], poses[-1] = rig.world_to_camera[a], rig.world_to_camera[b]
     k = rig.intrinsics[a] + share[:, None, None] * (rig.intrinsics[b] - rig.intrinsics[a])
@@ -300,13 +300,3 @@ def _rotation_vector(rotation: np.ndarray, up: np.ndarray) -> np.ndarray:
     if axis @ skew < 0:  # the way of a turn just short of half
         axis = -axis
     return axis * angle if axis @ up >= 0 else -axis * (2 * np.pi - angle)
-
-
-def _rotation(vector: np.ndarray) -> np.ndarray:
-    """[3, 3] rotation by a rotation vector (Rodrigues)."""
-    angle = np.linalg.norm(vector)
-    if angle == 0:
-        return np.eye(3)
-    x, y, z = vector / angle
-    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * (k @ k)

@@ -9,11 +9,9 @@ import numpy as np
 
 from posegaussian.stages.contract.declaration import Decision, Effect, Evidence
 from posegaussian.stages.contract.judged import CALIBRATION, MATTES, TURNS, cannot_judge, drawn_at, mean_scores
-from posegaussian.stages.imaging.small_turns import KINDS, Links, fitted_turns, turned
+from posegaussian.stages.imaging.small_turns import KINDS, LINKS, Links, fitted_turns, turned
 from posegaussian.storage.model.cameras import Rig
 
-LINKS = "survey/links"
-"""What pairs of cameras both see."""
 FEWEST = 6
 """Links of a kind below which their median is chance."""
 EXPLAINED = {"outlines": 0.9, "features": 0.6}
@@ -26,11 +24,6 @@ LEAST_GAIN = 0.05
 where held-out pictures gain 0.5 and more; of a head whose masks are a pixel off and whose cameras are not they lose
 0.14."""
 WORDS = {"outlines": "outermost points of outlines", "features": "matched features"}
-
-
-def links_among(noted: np.ndarray, sources: tuple[int, ...]) -> Links:
-    """Of `survey/links` [S, V, link, 4] of the source views, those among them."""
-    return Links.of(np.asarray(noted)[:, list(sources)])
 
 
 def _blind(evidence: Evidence) -> str | None:
@@ -60,7 +53,7 @@ def _calibration(evidence: Evidence, bound: float) -> Decision | None:
     if LINKS not in evidence.noted:
         return None
     rig = evidence.rig.subset(list(evidence.sources))
-    px, told, settled = _settled(rig, links_among(evidence.noted[LINKS], evidence.sources), bound)
+    px, told, settled = _settled(rig, Links.of(evidence.noted[LINKS][:, list(evidence.sources)]), bound)
     if settled:
         return Decision(False, px, bound, told)
     if not {TURNS, CALIBRATION} <= evidence.noted.keys():

@@ -14,8 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posegaussian.stages.geometry.subject import look_at_point
-from posegaussian.storage.model.cameras import Rig, rigid
+from posegaussian.storage.model.cameras import Rig, rigid, rotation_matrix
 
+LINKS = "survey/links"
+"""[V, V, POINTS, 4]: x, y at z = 1 of what a source view and each later one both see, in either's axes; 0 for none."""
 KINDS = ("outlines", "features")
 """What is seen by two cameras, in the order of the links."""
 MOST = 12
@@ -137,16 +139,6 @@ def turned(rig: Rig, turns: np.ndarray) -> Rig:
     """The cameras turned about their centres by [S, 3] rad in their own axes."""
     poses = rig.world_to_camera.copy()
     for v in np.flatnonzero(np.asarray(turns).any(axis=1)):
-        turn = rotation_by(turns[v])
+        turn = rotation_matrix(turns[v])
         poses[v] = rigid(turn @ rig.rotations[v], turn @ rig.world_to_camera[v, :3, 3])
     return replace(rig, world_to_camera=poses)
-
-
-def rotation_by(vector: np.ndarray) -> np.ndarray:
-    """[3, 3] rotation about a vector [3] by its length, rad (Rodrigues)."""
-    angle = float(np.linalg.norm(vector))
-    if angle < 1e-12:
-        return np.eye(3)
-    x, y, z = np.asarray(vector, dtype=np.float64) / angle
-    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * (k @ k))

@@ -15,8 +15,7 @@ import numpy as np
 
 from posegaussian.stages.geometry.epipolar import fundamental, signed_epipolar_distance
 from posegaussian.stages.geometry.points import NEAR
-from posegaussian.stages.imaging.small_turns import rotation_by
-from posegaussian.storage.model.cameras import Rig, rigid
+from posegaussian.storage.model.cameras import Rig, rigid, rotation_matrix
 
 STEPS = 12
 """Steps; the residual stays the same after six or so."""
@@ -61,7 +60,7 @@ def refit(rig: Rig, seen: np.ndarray, space: np.ndarray) -> Refit | None:
         weights = there * np.minimum(1.0, max(1.4826 * after, 1e-6) / np.maximum(distance, 1e-9))
         turns, shifts, steps = _step(rig, poses, camera, offsets, weights)
         for v in range(len(rig)):
-            turn = rotation_by(turns[v])
+            turn = rotation_matrix(turns[v])
             poses[v] = rigid(turn @ poses[v, :3, :3], turn @ poses[v, :3, 3] + shifts[v])
         moved = moved + steps
     return Refit(replace(rig, world_to_camera=poses), moved, valid, before, after)

@@ -21,8 +21,8 @@ from posegaussian.stages.contract.judged import (
 )
 from posegaussian.stages.depth.methods.registry import BY_PICTURES
 from posegaussian.stages.frames.exposures import SURFACE
-from posegaussian.stages.imaging.calibration import LINKS
 from posegaussian.stages.imaging.camera_mapping import frames_rig
+from posegaussian.stages.imaging.small_turns import LINKS
 from posegaussian.stages.judge.params import JudgeParams
 from posegaussian.stages.network.asset import SHIPPED_NETWORKS
 from posegaussian.stages.network.choice import CANDIDATES

@@ -9,8 +9,8 @@ import numpy as np
 from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.contract.io import Inputs
 from posegaussian.stages.contract.judged import mean_scores
-from posegaussian.stages.imaging.calibration import LEAST_GAIN, LINKS, links_among
-from posegaussian.stages.imaging.small_turns import fitted_turns
+from posegaussian.stages.imaging.calibration import LEAST_GAIN
+from posegaussian.stages.imaging.small_turns import LINKS, Links, fitted_turns
 from posegaussian.stages.judge.body import body_facts
 from posegaussian.stages.judge.drawing import scores, with_gaussians
 from posegaussian.stages.judge.footage import frames_of
@@ -28,10 +28,10 @@ class Turned(NamedTuple):
 
 def turns_of(inputs: Inputs) -> np.ndarray:
     """[V, 3] rad that fit what pairs of source views both see; 0 of every other camera."""
-    sources = inputs.views.sources
-    links = links_among(np.stack([inputs.read(LINKS, v) for v in sources]), sources)
+    sources = list(inputs.views.sources)
+    links = Links.of(np.stack([inputs.read(LINKS, v) for v in sources])[:, sources])
     turns = np.zeros((len(inputs.rig), 3))
-    turns[list(sources)] = fitted_turns(inputs.rig.subset(list(sources)), links)
+    turns[sources] = fitted_turns(inputs.rig.subset(sources), links)
     return turns
 
 

@@ -13,10 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from posegaussian.storage.importers.cameras import DISTORTION, RawCamera, rotation_matrix
+from posegaussian.storage.importers.cameras import DISTORTION, RawCamera
 from posegaussian.storage.importers.common import ImportOptions, folder, numbered, subfolders
 from posegaussian.storage.importers.declaration import Importer, Trait
 from posegaussian.storage.importers.filmed import DataSet, Filmed, capture_of
+from posegaussian.storage.model.cameras import rotation_matrix
 from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.documents import read_table, shortened
 from posegaussian.storage.model.errors import CalibrationError, SourceError

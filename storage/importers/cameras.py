@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from posegaussian.storage.files.names import check_camera_names
-from posegaussian.storage.model.cameras import Rig, camera_centre, from_integer_centres, rigid
+from posegaussian.storage.model.cameras import Rig, camera_centre, from_integer_centres, rigid, rotation_matrix
 from posegaussian.storage.model.errors import CalibrationError
 from posegaussian.storage.model.plausible import check_rotation_vector, check_size
 
@@ -56,16 +56,6 @@ def whole_size(value: Any, camera: str) -> tuple[int, int]:
     if not (np.isfinite(size).all() and (size == np.round(size)).all() and (np.abs(size) < 2**31).all()):
         raise CalibrationError(f"camera {camera}: picture size {size.tolist()} px must be two whole numbers")
     return int(size[0]), int(size[1])
-
-
-def rotation_matrix(vector: np.ndarray) -> np.ndarray:
-    """[3, 3] of a Rodrigues vector [3]: exp of its cross-product matrix (Rodrigues' formula)."""
-    angle = float(np.linalg.norm(vector))
-    if angle < 1e-300:
-        return np.eye(3)
-    x, y, z = np.asarray(vector, dtype=np.float64) / angle
-    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * (k @ k)
 
 
 def raw_centre(camera: RawCamera) -> np.ndarray:

@@ -16,7 +16,7 @@ from pydantic import Field
 from ruamel.yaml.nodes import MappingNode
 
 from posegaussian.storage.formats.joint_files import read_easymocap
-from posegaussian.storage.importers.cameras import RawCamera, build_rig, check_principal_point, numbers, rotation_matrix
+from posegaussian.storage.importers.cameras import RawCamera, build_rig, check_principal_point, numbers
 from posegaussian.storage.importers.common import (
     ImportOptions,
     folder,
@@ -30,6 +30,7 @@ from posegaussian.storage.importers.common import (
 )
 from posegaussian.storage.importers.declaration import Importer, Trait, or_broken
 from posegaussian.storage.importers.joint_streams import picture_joints
+from posegaussian.storage.model.cameras import rotation_matrix
 from posegaussian.storage.model.capture import Capture, Stream
 from posegaussian.storage.model.documents import shortened
 from posegaussian.storage.model.errors import CalibrationError, SourceError

@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 
 from posegaussian.storage.importers.calibration_format import Calibration, CalibrationFormat, begins, fixed
-from posegaussian.storage.importers.cameras import RawCamera, numbers, rotation_matrix, whole_size
+from posegaussian.storage.importers.cameras import RawCamera, numbers, whole_size
 from posegaussian.storage.importers.easymocap import read_opencv_yaml
+from posegaussian.storage.model.cameras import rotation_matrix
 from posegaussian.storage.model.documents import read_json, shortened
 from posegaussian.storage.model.errors import CalibrationError, SourceError
 

@@ -141,6 +141,16 @@ class Rig:
                 )
 
 
+def rotation_matrix(vector: np.ndarray) -> np.ndarray:
+    """[3, 3] of a Rodrigues vector [3]: exp of its cross-product matrix (Rodrigues' formula)."""
+    angle = float(np.linalg.norm(vector))
+    if angle < 1e-300:
+        return np.eye(3)
+    x, y, z = np.asarray(vector, dtype=np.float64) / angle
+    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * (k @ k)
+
+
 def rigid(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
     """[4, 4] world_to_camera from R [3, 3] (projected onto the nearest rotation) and t [3], metres."""
     u, _, vt = np.linalg.svd(np.asarray(rotation, dtype=np.float64))

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from posegaussian.storage.importers.cameras import rotation_matrix
 from posegaussian.storage.importers.find import find_capture
+from posegaussian.storage.model.cameras import rotation_matrix
 from posegaussian.storage.readers.images import write_exr, write_png
 from tests.storage.importers import (
     test_actorshq,

@@ -19,9 +19,9 @@ from posegaussian.stages.contract.declaration import Decision, Evidence
 from posegaussian.stages.contract.judged import CALIBRATION, NONE, TURNS
 from posegaussian.stages.geometry.epipolar import fundamental, signed_epipolar_distance
 from posegaussian.stages.geometry.projection import project
-from posegaussian.stages.imaging.calibration import CALIBRATION_CORRECTION, LINKS
-from posegaussian.stages.imaging.small_turns import Links, rotation_by
-from posegaussian.storage.model.cameras import Rig, rigid
+from posegaussian.stages.imaging.calibration import CALIBRATION_CORRECTION
+from posegaussian.stages.imaging.small_turns import LINKS, Links
+from posegaussian.storage.model.cameras import Rig, rigid, rotation_matrix
 from tests.support.pipeline import Pipeline, film
 
 SETTINGS = ["effects.calibration_correction=auto", "metrics.measures=[psnr]", "frames.range=0:2", "judge.views=4"]
@@ -44,7 +44,7 @@ def written(capture: Path, folder: Path, pixels: float, *settings: str) -> Pipel
     shutil.copytree(capture, copy)
     cameras = json.loads((copy / "cameras.json").read_text())
     for camera in cameras["cameras"]:
-        turn = rotation_by(random.normal(size=3) * pixels / camera["K"][0][0])
+        turn = rotation_matrix(random.normal(size=3) * pixels / camera["K"][0][0])
         if camera["name"] != "mid00":
             camera["R"], camera["t"] = (turn @ np.array(camera["R"])).tolist(), (turn @ np.array(camera["t"])).tolist()
     (copy / "cameras.json").write_text(json.dumps(cameras))

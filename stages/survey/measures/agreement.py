@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from posegaussian.stages.imaging.calibration import LINKS
+from posegaussian.stages.imaging.small_turns import LINKS
 from posegaussian.stages.survey.algorithms.look import Look
 from posegaussian.stages.survey.measures.declaration import Measure, Sampled, of
 from posegaussian.storage.model.spec import ArraySpec

@@ -101,6 +101,13 @@ def test_a_run_decides_after_the_survey_and_goes_on(fresh: Pipeline) -> None:
     assert fresh.ran() == {}
 
 
+def test_joints_do_not_wait_for_what_pictures_wait_for(fresh: Pipeline) -> None:
+    """Where it is settled how cameras stand."""
+    settled = fresh.with_settings("effects.calibration_correction=off")
+    stages = [e.task.stage for e in settled.run() if isinstance(e, TaskDone)]
+    assert stages.index("pose") < stages.index("frames")
+
+
 def test_a_slightly_different_measure_makes_nothing_stale(decided: Pipeline, tmp_path: Path) -> None:
     p = decided.copy(tmp_path / "archive")
     before = p.plan().context.effects["temporal_smoothing"].decision

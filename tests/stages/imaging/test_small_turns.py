@@ -9,7 +9,7 @@ import pytest
 
 from posegaussian.stages.geometry.epipolar import fundamental, signed_epipolar_distance
 from posegaussian.stages.geometry.projection import project
-from posegaussian.stages.imaging.small_turns import MOST, POINTS, Links, fitted_turns, rotation_by, turned
+from posegaussian.stages.imaging.small_turns import MOST, POINTS, Links, fitted_turns, turned
 from posegaussian.stages.simulator.subjects.capsule_person import capture_person
 from posegaussian.storage.model.cameras import Rig
 
@@ -149,15 +149,3 @@ def test_medians_are_told_by_kind(rig: Rig) -> None:
     given[:, :, MOST:] = 0.0
     assert Links.of(given).medians(rig).keys() == {"outlines"}
     assert Links.of(np.zeros_like(given)).medians(rig) == {}
-
-
-def test_a_rotation_by_a_vector_keeps_it_and_turns_what_is_across(rig: Rig) -> None:
-    w = np.array([0.3, -0.2, 0.5])
-    r = rotation_by(w)
-    assert np.allclose(r @ w, w)
-    assert np.allclose(r @ r.T, np.eye(3))
-    across = np.cross(w, [1.0, 0, 0])
-    cosine = (r @ across) @ across / (across @ across)
-    assert np.arccos(cosine) == pytest.approx(np.linalg.norm(w))
-    assert np.allclose(rotation_by(-w), r.T)
-    assert np.array_equal(rotation_by(np.zeros(3)), np.eye(3))

@@ -17,6 +17,7 @@ from posegaussian.storage.model.cameras import (
     points_from_integer_centres,
     points_to_integer_centres,
     rigid,
+    rotation_matrix,
     to_integer_centres,
 )
 from posegaussian.storage.model.errors import CalibrationError, UserError
@@ -193,3 +194,15 @@ def test_a_slice_of_a_path_holds_its_frames() -> None:
     part = make_path().slice(slice(1, 3))
     assert part.intrinsics.shape[0] == part.world_to_camera.shape[0] == part.served.shape[0] == 2
     assert part.names == ("a", "b")
+
+
+def test_a_rotation_by_a_vector_keeps_it_and_turns_what_is_across() -> None:
+    w = np.array([0.3, -0.2, 0.5])
+    r = rotation_matrix(w)
+    assert np.allclose(r @ w, w)
+    assert np.allclose(r @ r.T, np.eye(3))
+    across = np.cross(w, [1.0, 0, 0])
+    cosine = (r @ across) @ across / (across @ across)
+    assert np.arccos(cosine) == pytest.approx(np.linalg.norm(w))
+    assert np.allclose(rotation_matrix(-w), r.T)
+    assert np.array_equal(rotation_matrix(np.zeros(3)), np.eye(3))
