@@ -12,7 +12,7 @@ import torch
 
 from posegaussian.dags.planning.results import Results
 from posegaussian.stages.peers.free_gaussians import FreeGaussians, optimise, start
-from posegaussian.stages.refinement.loss import Filmed
+from posegaussian.stages.refinement.steps.loss import Filmed
 from posegaussian.stages.rendering.clipping import retouched
 from posegaussian.stages.rendering.evening import outlines_for
 from posegaussian.stages.rendering.lift import GaussianMaps, lift

@@ -14,7 +14,11 @@ from xml.etree import ElementTree
 from benchmarks.gpu.rows import Row, Setup
 from benchmarks.report import ROOT
 
-TESTS = ("tests/stages/splatting/gpu", "tests/hard_cases/test_splatting.py")
+TESTS = (
+    "tests/stages/splatting/gpu",
+    "tests/stages/refinement/test_on_device.py",
+    "tests/hard_cases/test_splatting.py",
+)
 CHOSEN = "gpu"
 """Of the hard cases those that `gpu` draws."""
 

@@ -10,7 +10,7 @@ import torch
 from posegaussian.stages.geometry.projection import unproject
 from posegaussian.stages.peers.free_gaussians import FreeGaussians, optimise, start
 from posegaussian.stages.peers.ibr import Photo
-from posegaussian.stages.refinement.loss import Filmed
+from posegaussian.stages.refinement.steps.loss import Filmed
 from posegaussian.stages.splatting.definition.scene import Camera
 from posegaussian.storage.model.masks import foreground
 

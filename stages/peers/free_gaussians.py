@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 import torch
 
-from posegaussian.stages.refinement.loss import Filmed, weighed
+from posegaussian.stages.refinement.steps.loss import Filmed, weighed
 from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Drawing, Gaussians, Rendering
 from posegaussian.stages.splatting.quaternions import rotations
 from posegaussian.stages.splatting.rasterizer import rasterize

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from posegaussian.stages.refinement.loss import Filmed
 from posegaussian.stages.refinement.schedule import Schedule
+from posegaussian.stages.refinement.steps.loss import Filmed
 from posegaussian.stages.rendering.lift import Lifted
 from posegaussian.stages.splatting.definition.scene import Camera, Gaussians, Rendering
 from posegaussian.stages.splatting.device import device

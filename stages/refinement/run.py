@@ -10,12 +10,13 @@ import numpy as np
 import torch
 
 from posegaussian.stages.contract.io import Block, Inputs
-from posegaussian.stages.refinement.attributes import ViewGaussians, twist_of
 from posegaussian.stages.refinement.judging import Judge
-from posegaussian.stages.refinement.loss import Filmed
-from posegaussian.stages.refinement.optimise import Rehearsal, Walk, rehearse
 from posegaussian.stages.refinement.params import FEWEST, RefinementParams, pixels_a_gaussian
+from posegaussian.stages.refinement.rehearsal import Rehearsal, begin, rehearse
 from posegaussian.stages.refinement.schedule import Schedule, schedule
+from posegaussian.stages.refinement.steps.attributes import ViewGaussians, twist_of
+from posegaussian.stages.refinement.steps.loss import Filmed
+from posegaussian.stages.refinement.steps.optimise import Walk
 from posegaussian.stages.refinement.thinning import thinned
 from posegaussian.stages.rendering.lift import GaussianMaps, lift
 from posegaussian.stages.rendering.sources import REFINED, unrefined_arrays
@@ -80,7 +81,7 @@ def _rehearsed(frames: _Frames, i: int, frame: _Frame, params: RefinementParams)
 
 def _trained(frame: _Frame, plan: Schedule, steps: int) -> Walk:
     """All views, on all pictures."""
-    walk = Walk(frame.gaussians, frame.filmed, (*plan.pupils, plan.judge))
+    walk = begin(frame.gaussians, frame.filmed, (*plan.pupils, plan.judge))
     for _ in range(steps):
         walk.step()
     return walk

@@ -23,7 +23,8 @@ def needs(shape: Shape, params: RefinementParams) -> Resources:
     pixels = shape["y"] * shape["x"]
     maps = pixels * shape["view"] * 28 * (2 * shape["frame"] + before)
     kept = shape["view"] / pixels_a_gaussian(shape["view"], params)
-    return Resources(cpu=1, ram=int(maps + pixels * (kept * 2160 + 760)))
+    optimised = pixels * (kept * 2160 + 760)
+    return Resources(cpu=1, gpu=1, ram=int(maps + optimised), vram=int(optimised + 2**28))
 
 
 def unneeded(params: RefinementParams, facts: Facts) -> str | None:

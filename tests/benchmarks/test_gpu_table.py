@@ -40,9 +40,10 @@ def test_the_renderer_runs_in_the_interpreter(monkeypatch: pytest.MonkeyPatch) -
     assert sum("a picture and its gradients" in row.what for row in rows) == 2
 
 
-def test_without_triton_the_renderer_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("name", ["renderer", "refinement"])
+def test_without_triton_a_part_says_so(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(renderer.backend, "triton_version", lambda: None)
-    (row,) = part.rows("renderer", SMALL)
+    (row,) = part.rows(name, SMALL)
     assert str(row.figure).startswith(f"{UNMEASURED}: Triton is not installed")
     assert not row.wrong
 
@@ -51,7 +52,9 @@ def test_without_triton_the_renderer_says_so(monkeypatch: pytest.MonkeyPatch) ->
     ("name", "row"),
     [
         ("network", "network fast, bf16: a pair"),
-        ("refinement", "refinement: steps"),
+        pytest.param(
+            "refinement", "refinement: steps", marks=pytest.mark.skipif(NO_GPU is not None, reason=str(NO_GPU))
+        ),
         ("frame", "a frame: rendering"),
     ],
 )

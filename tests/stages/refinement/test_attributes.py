@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from posegaussian.stages.refinement.attributes import SharedGaussians, ViewGaussians
+from posegaussian.stages.refinement.steps.attributes import SharedGaussians, ViewGaussians
 from posegaussian.stages.rendering.lift import GaussianMaps, lift
 from posegaussian.stages.splatting.definition.scene import Gaussians
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from posegaussian.stages.metrics.measures.ssim import ssim_map
-from posegaussian.stages.refinement.loss import Filmed, Loss, loss, weighed
-from posegaussian.stages.refinement.structure import Moments, structure
+from posegaussian.stages.refinement.steps.loss import Filmed, Loss, loss, weighed
+from posegaussian.stages.refinement.steps.structure import Moments, structure
 from posegaussian.stages.splatting.definition.scene import Camera
 
 H, W = 36, 40

@@ -7,14 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from posegaussian.stages.refinement.attributes import SharedGaussians, ViewGaussians
-from posegaussian.stages.refinement.loss import Filmed
-from posegaussian.stages.refinement.optimise import FEW_PICTURES, NEWEST, RATES, USUAL_PICTURES, Walk, _Adam
-from posegaussian.stages.refinement.params import EVERY
-from posegaussian.stages.refinement.thinning import thinned
-from posegaussian.stages.rendering.lift import GaussianMaps
+from posegaussian.stages.refinement.steps.attributes import SharedGaussians
+from posegaussian.stages.refinement.steps.optimise import FEW_PICTURES, NEWEST, RATES, USUAL_PICTURES, HostWalk, _Adam
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
-from posegaussian.stages.splatting.definition.scene import Camera
+from tests.stages.refinement.walks import begun
 
 
 @pytest.fixture(scope="module")
@@ -23,28 +19,11 @@ def person() -> PersonCapture:
 
 
 @pytest.fixture
-def walk(person: PersonCapture) -> Walk:
-    views = person.views.sources
-    return Walk({v: gaussians(person, v) for v in views}, {v: filmed(person, v) for v in views}, views)
+def walk(person: PersonCapture) -> HostWalk:
+    return HostWalk(*begun(person))
 
 
-def gaussians(c: PersonCapture, view: int) -> ViewGaussians:
-    depth = c.depth[0, view]
-    ones, there = np.ones((2, *depth.shape), np.float16), (depth > 0).astype(np.float16)
-    normal = np.stack([0 * there, 0 * there, -there])
-    scale = (0.01 * np.ones((3, *depth.shape))).astype(np.float16)
-    maps = GaussianMaps(c.color[0, view], depth, scale, normal, ones * there)
-    return ViewGaussians.of(thinned(maps, EVERY), c.rig.intrinsics[view], c.rig.world_to_camera[view])
-
-
-def filmed(c: PersonCapture, view: int) -> Filmed:
-    width, height = (int(n) for n in c.rig.size[view])
-    cover = c.mask[0, view].astype(np.float32) / 255
-    camera = Camera(c.rig.intrinsics[view], c.rig.world_to_camera[view], width, height)
-    return Filmed(camera, c.color[0, view].astype(np.float32) / 255 * cover[..., None], cover)
-
-
-def test_what_is_kept_is_the_mean_over_steps_the_newest_weighing_most(walk: Walk) -> None:
+def test_what_is_kept_is_the_mean_over_steps_the_newest_weighing_most(walk: HostWalk) -> None:
     expected = {name: np.zeros_like(a) for name, a in walk.gaussians.offsets.items()}
     for _ in range(7):
         walk.step()
@@ -55,7 +34,7 @@ def test_what_is_kept_is_the_mean_over_steps_the_newest_weighing_most(walk: Walk
         assert not np.array_equal(walk.reached.offsets[name], walk.gaussians.offsets[name])
 
 
-def test_looking_at_the_mean_moves_nothing(walk: Walk) -> None:
+def test_looking_at_the_mean_moves_nothing(walk: HostWalk) -> None:
     walk.step()
     before = {name: a.copy() for name, a in walk.gaussians.offsets.items()}
     walk.reached.gaussians()
@@ -75,7 +54,7 @@ def test_the_first_move_is_the_rate_of_so_many_pictures_whatever_the_slope(pictu
         np.testing.assert_allclose(offsets[name], -rate * less, rtol=1e-4)
 
 
-def test_other_offsets_leave_the_gaussians_they_come_from_alone(walk: Walk) -> None:
+def test_other_offsets_leave_the_gaussians_they_come_from_alone(walk: HostWalk) -> None:
     own = walk.gaussians.offsets
     other = walk.gaussians.with_offsets({name: a + np.float32(0.01) for name, a in own.items()})
     assert isinstance(other, SharedGaussians)

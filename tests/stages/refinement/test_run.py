@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from posegaussian.stages.contract.io import Block
 from posegaussian.stages.gaussians.params import GaussiansParams
-from posegaussian.stages.refinement.optimise import JUDGED_EVERY, WINDOW, _worth_more
 from posegaussian.stages.refinement.params import RefinementParams, pixels_a_gaussian
+from posegaussian.stages.refinement.rehearsal import JUDGED_EVERY, WINDOW, _worth_more
 from posegaussian.stages.refinement.run import check
 from posegaussian.stages.registry import stage
 from posegaussian.stages.rendering.sources import REFINED, unrefined_arrays

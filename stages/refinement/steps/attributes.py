@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from posegaussian.stages.refinement.lifting import Rays
+from posegaussian.stages.refinement.steps.lifting import Rays
 from posegaussian.stages.rendering.lift import GaussianMaps, Pixels
 from posegaussian.stages.splatting.definition.scene import Gaussians
 

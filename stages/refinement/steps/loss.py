@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from posegaussian.stages.refinement.structure import Moments, around, structure
+from posegaussian.stages.refinement.steps.structure import Moments, around, structure
 from posegaussian.stages.splatting.definition.scene import Camera
 
 COVERAGE = 0.05

@@ -13,7 +13,7 @@ from posegaussian.stages.imaging.part import part_around
 WINDOW, SIGMA = 11, 1.5
 C1, C2 = 0.01**2, 0.03**2
 """Of SSIM, for values in 0..1 (Wang et al., 2004)."""
-_KERNEL = cv2.getGaussianKernel(WINDOW, SIGMA, cv2.CV_32F)
+KERNEL = cv2.getGaussianKernel(WINDOW, SIGMA, cv2.CV_32F)
 
 
 class Moments(NamedTuple):
@@ -55,7 +55,7 @@ def around(wanted: np.ndarray) -> tuple[slice, slice]:
 
 
 def _blur(values: np.ndarray) -> np.ndarray:
-    blurred: np.ndarray = cv2.sepFilter2D(values, -1, _KERNEL, _KERNEL, borderType=cv2.BORDER_CONSTANT)
+    blurred: np.ndarray = cv2.sepFilter2D(values, -1, KERNEL, KERNEL, borderType=cv2.BORDER_CONSTANT)
     return blurred
 
 

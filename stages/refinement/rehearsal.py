@@ -1,0 +1,90 @@
+"""Gaussians optimised on a frame's source pictures: a rehearsal without the judge's view says for how many steps, then
+all views are trained on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from posegaussian.stages.refinement.judging import Judge, Judgement
+from posegaussian.stages.refinement.schedule import Schedule
+from posegaussian.stages.refinement.steps.attributes import ViewGaussians
+from posegaussian.stages.refinement.steps.loss import Filmed
+from posegaussian.stages.refinement.steps.optimise import HostWalk, Walk
+from posegaussian.stages.splatting.device import device
+from posegaussian.stages.splatting.gpu.backend import lacks
+
+JUDGED_EVERY = 10
+"""Steps from one judgement to the next."""
+PATIENCE = 5
+"""Judgements without a better one after which a frame is done, where any gain is worth it."""
+WINDOW = 3
+"""Judgements over which steps must have been worth it: of sixteen pictures, four a step, one judgement may be 0.3 dB
+worse than the one before and the next one better again."""
+
+
+@dataclass(frozen=True)
+class Rehearsal:
+    """What was found without the judge's view."""
+
+    judge: int
+    """View that judged."""
+    before: float
+    """Mean squared error of the judge's picture without refinement, sRGB 0..1."""
+    after: float
+    """The same of the mixture; less than `before` where refinement is a gain."""
+    step: int
+    """The best step; 0 is the start."""
+    share: float
+    """Of the refined Gaussians' picture in the mixture that the judge found best, 0..1."""
+    masked: int
+    """Gradients that were not finite and were set to 0."""
+
+    @property
+    def refines(self) -> bool:
+        """Whether any step made a better picture."""
+        return self.after < self.before
+
+
+def begin(gaussians: Mapping[int, ViewGaussians], filmed: Mapping[int, Filmed], order: Sequence[int]) -> Walk:
+    """A walk on this worker's device; on the CPU where the device has no Triton to walk with."""
+    where = device()
+    if where.type == "cpu" or lacks(where):
+        return HostWalk(gaussians, filmed, order)
+    from posegaussian.stages.refinement.steps.on_device import DeviceWalk  # imports Triton
+
+    return DeviceWalk(gaussians, filmed, order, where)
+
+
+def rehearse(
+    gaussians: Mapping[int, ViewGaussians],
+    filmed: Mapping[int, Filmed],
+    plan: Schedule,
+    steps: int,
+    worth: float,
+    judge: Judge,
+) -> Rehearsal:
+    """At which of at most `steps` steps the judge's picture is best, drawn from the other views' Gaussians, trained on
+    the other views' pictures, and mixed with the one without refinement; no more are tried once the last `WINDOW`
+    judgements gained less than `worth` dB on their mean.
+
+    Deterministic: equal arguments give equal bits on any number of threads, and on a device in every run.
+    """
+    walk = begin({v: g for v, g in gaussians.items() if v != plan.judge}, filmed, plan.pupils)
+    best, at, errors = Judgement(judge.before, 0.0), 0, list[float]()
+    for step in range(1, steps + 1):
+        walk.step()
+        if step % JUDGED_EVERY == 0 or step == steps:
+            found = judge.judgement(walk.reached.gaussians)
+            if found.error < best.error:
+                best, at = found, step
+            errors.append(min([found.error, *errors[-1:]]))
+            if step - at >= PATIENCE * JUDGED_EVERY or not _worth_more(errors, worth):
+                break
+    return Rehearsal(plan.judge, judge.before, best.error, at, best.share, walk.masked)
+
+
+def _worth_more(errors: Sequence[float], worth: float) -> bool:
+    """Whether the least error so far, at each judgement, fell by `worth` dB a judgement on the mean of the last
+    `WINDOW`."""
+    return len(errors) <= WINDOW or errors[-1] <= errors[-1 - WINDOW] * 10 ** (-0.1 * WINDOW * worth)
