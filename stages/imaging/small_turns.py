@@ -107,7 +107,7 @@ def fitted_turns(rig: Rig, links: Links) -> np.ndarray:
     off_now = max(LEAST * pixel, WRITTEN * float(np.median(np.abs(links.missed(rig)))))
     written = off_now / rig.intrinsics[:, 0, 0]
     linked = np.isin(np.arange(count), links.views)
-    together = np.linalg.qr(np.where(linked.repeat(3)[:, None], _after_the_subject(rig), 0.0))[0]
+    together = following(rig, linked)
     tightness = np.diag(np.repeat(written**-2, 3)) + HELD * written.mean() ** -2 * together @ together.T
     one, other = ((3 * v[:, None] + np.arange(3)) for v in links.views.T)
     columns = np.concatenate([one, other], axis=1)
@@ -127,12 +127,13 @@ def fitted_turns(rig: Rig, links: Links) -> np.ndarray:
     return turns
 
 
-def _after_the_subject(rig: Rig) -> np.ndarray:
-    """[3 S, 3] turns of all cameras, in their own axes, that follow a shift of the subject along each of the world's
-    axes, rad a metre."""
+def following(rig: Rig, of: np.ndarray | None = None) -> np.ndarray:
+    """[3 S, 3] orthonormal: turns of all cameras, or of those in `of` [S] bool, in their own axes, that follow shifts
+    of the subject along the world's axes."""
     ahead = look_at_point(rig) - rig.centres
     follow = np.cross(ahead[:, None], np.eye(3)) / (ahead**2).sum(axis=1)[:, None, None]  # [S, shift, 3] world axes
-    return np.einsum("sij,skj->sik", rig.rotations, follow).reshape(-1, 3)
+    turns = np.einsum("sij,skj->sik", rig.rotations, follow)
+    return np.linalg.qr(np.where(of.repeat(3)[:, None] if of is not None else True, turns.reshape(-1, 3), 0.0))[0]
 
 
 def turned(rig: Rig, turns: np.ndarray) -> Rig:

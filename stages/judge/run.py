@@ -40,7 +40,7 @@ from posegaussian.stages.judge.left_out import left_out
 from posegaussian.stages.judge.light import POINTS, shared_light
 from posegaussian.stages.judge.memory import Frames
 from posegaussian.stages.judge.params import JudgeParams
-from posegaussian.stages.judge.turning import as_filmed, turns_of
+from posegaussian.stages.judge.turning import as_filmed, turns_by_links
 from posegaussian.stages.network.choice import CANDIDATES
 from posegaussian.stages.network.choice import best_of as best_weights
 from posegaussian.stages.network.params import NONE as NO_WEIGHTS
@@ -62,7 +62,8 @@ def run(inputs: Inputs, params: JudgeParams) -> Iterator[Block]:
     asked = [name for name in (CALIBRATION, DEPTH, EXPOSURE, LEARNED, POSE, COLOR) if name in inputs.facts]
     found = dict(_compared(inputs, params, asked)) if len(inputs.views.sources) >= FEWEST else {}
     if TURNS in inputs.facts:
-        yield Block(TURNS, turns_of(inputs))
+        turns = found.get(TURNS)
+        yield Block(TURNS, turns_by_links(inputs) if turns is None else turns)
     if SHARED_LIGHT in inputs.facts:
         light = found.get(SHARED_LIGHT)
         yield Block(SHARED_LIGHT, _features(inputs) if light is None else light)
@@ -81,8 +82,9 @@ def _compared(inputs: Inputs, params: JudgeParams, asked: list[str]) -> Iterator
         methods = tried_methods(inputs.rig, inputs.views.sources)
     if any(METHODS[m].of_frame is None for m in methods):
         return  # depth that came with the capture lies in files that no frame here holds
-    if CALIBRATION in asked:
-        frames, with_turns = as_filmed(inputs, params.frames, turns_of(inputs), methods[-1], views)
+    if {TURNS, CALIBRATION} & inputs.facts:
+        frames, turns, with_turns = as_filmed(inputs, params.frames, methods[-1], views)
+        yield TURNS, turns
         yield CALIBRATION, with_turns
     else:
         frames = frames_of(inputs, params.frames)

@@ -26,17 +26,20 @@ from posegaussian.stages.imaging.small_turns import LINKS
 from posegaussian.stages.judge.params import JudgeParams
 from posegaussian.stages.network.asset import SHIPPED_NETWORKS
 from posegaussian.stages.network.choice import CANDIDATES
+from posegaussian.stages.refinement.params import RefinementParams, optimised_bytes
 from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
 def needs(shape: Shape, params: JudgeParams) -> Resources:
     """Pictures, masks, depth and Gaussians of all views of a few reduced frames, by every candidate (48 bytes a pixel
-    each), what matching one frame works in, one captured picture while it is reduced, and who finds people in it."""
+    each), what matching one frame works in or turning cameras with the Gaussians of all of them, one captured picture
+    while it is reduced, and who finds people in it."""
     pixels = params.size**2
     each = params.frames * shape["view"] * 48 * (len(BY_PICTURES) + 2)
-    return Resources(
-        cpu=1, ram=pixels * (each + shape["view"] * 88 + 2000) + shape["source_y"] * shape["source_x"] * 60 + 2**28
+    worked_in = max(
+        pixels * (shape["view"] * 88 + 2000), params.frames * optimised_bytes(pixels, shape["view"], RefinementParams())
     )
+    return Resources(cpu=1, ram=pixels * each + worked_in + shape["source_y"] * shape["source_x"] * 60 + 2**28)
 
 
 def _compared(params: JudgeParams, facts: Facts) -> bool:
@@ -79,7 +82,7 @@ def _joints3d(params: JudgeParams, facts: Facts) -> bool:
 STAGE = Stage(
     name="judge",
     summary="Draw left-out source views from the others, choice by choice, on a few reduced frames.",
-    version=5,
+    version=6,
     run="posegaussian.stages.judge.run:run",
     reads=(
         Read.source("pictures", views="sources"),
@@ -101,7 +104,8 @@ STAGE = Stage(
             "float64",
             "rad",
             "By how much each source view stands turned against its calibration, about its own axes, so that what pairs"
-            " of them share lies on each other's lines; 0 of every other camera.",
+            " of them share lies on each other's lines, and further with the Gaussians where that draws left-out views"
+            " better; 0 of every other camera.",
             when=TURNS,
             noted=True,
         ),

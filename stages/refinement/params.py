@@ -61,6 +61,16 @@ def pixels_a_gaussian(views: int, params: RefinementParams) -> float:
     return params.every * max(min(views / VIEWS, 1.0), LEAST)
 
 
+def optimised_bytes(pixels: int, views: int, params: RefinementParams) -> int:
+    """What optimising one frame takes, as if each of the `pixels` of every view had depth.
+
+    Of those that keep one a Gaussian of twelve numbers, with its gradient, the means of it and of its square, the
+    lifted copy, and its slots in a picture's gradients; the pictures and their moments; the judge's picture of two
+    views.
+    """
+    return int(pixels * (views / pixels_a_gaussian(views, params) * 2160 + 760))
+
+
 def halo(params: RefinementParams, facts: Facts) -> tuple[int, int]:
     """Frames before the partition that may have rehearsed for it."""
     return (params.group - 1, 0)

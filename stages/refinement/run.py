@@ -4,23 +4,20 @@ steps as that found best."""
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 import torch
 
 from posegaussian.stages.contract.io import Block, Inputs
+from posegaussian.stages.refinement.frame import FrameGaussians, FrameReader
 from posegaussian.stages.refinement.judging import Judge
-from posegaussian.stages.refinement.params import FEWEST, RefinementParams, pixels_a_gaussian
+from posegaussian.stages.refinement.params import FEWEST, RefinementParams
 from posegaussian.stages.refinement.rehearsal import Rehearsal, begin, rehearse
-from posegaussian.stages.refinement.schedule import Schedule, schedule
-from posegaussian.stages.refinement.steps.attributes import ViewGaussians, twist_of
-from posegaussian.stages.refinement.steps.loss import Filmed
+from posegaussian.stages.refinement.schedule import Schedule
+from posegaussian.stages.refinement.steps.attributes import twist_of
 from posegaussian.stages.refinement.steps.optimise import Walk
-from posegaussian.stages.refinement.thinning import thinned
 from posegaussian.stages.rendering.lift import GaussianMaps, lift
-from posegaussian.stages.rendering.sources import REFINED, unrefined_arrays
-from posegaussian.stages.splatting.definition.scene import Camera
+from posegaussian.stages.rendering.sources import REFINED
 
 
 def run(inputs: Inputs, params: RefinementParams) -> Iterator[Block]:
@@ -31,7 +28,7 @@ def run(inputs: Inputs, params: RefinementParams) -> Iterator[Block]:
     the sequence is cut. Views that are no source are 0 throughout; a frame that cannot be refined keeps its maps bit by
     bit.
     """
-    frames = _Frames(inputs, params)
+    frames = FrameReader(inputs, params)
     first, stop = inputs.partition.start, inputs.partition.stop
     made = {v: [frames.maps(i, v) for i in inputs.partition] for v in inputs.views.sources}
     outcomes = []
@@ -59,16 +56,7 @@ def run(inputs: Inputs, params: RefinementParams) -> Iterator[Block]:
     yield Block("refinement/outcome", np.array(outcomes, np.float32).reshape(len(inputs.partition), -1))
 
 
-class _Frame(NamedTuple):
-    """What is optimised, and on what, by source view that has both."""
-
-    gaussians: dict[int, ViewGaussians]
-    filmed: dict[int, Filmed]
-    plan: Schedule | None
-    """None: too few views."""
-
-
-def _rehearsed(frames: _Frames, i: int, frame: _Frame, params: RefinementParams) -> Rehearsal:
+def _rehearsed(frames: FrameReader, i: int, frame: FrameGaussians, params: RefinementParams) -> Rehearsal:
     rig, plan = frames.inputs.rig, frame.plan
     assert plan is not None
     lifted = {
@@ -79,7 +67,7 @@ def _rehearsed(frames: _Frames, i: int, frame: _Frame, params: RefinementParams)
     return rehearse(frame.gaussians, frame.filmed, plan, params.steps, params.worth, judge)
 
 
-def _trained(frame: _Frame, plan: Schedule, steps: int) -> Walk:
+def _trained(frame: FrameGaussians, plan: Schedule, steps: int) -> Walk:
     """All views, on all pictures."""
     walk = begin(frame.gaussians, frame.filmed, (*plan.pupils, plan.judge))
     for _ in range(steps):
@@ -87,7 +75,7 @@ def _trained(frame: _Frame, plan: Schedule, steps: int) -> Walk:
     return walk
 
 
-def _outcome(frame: _Frame, rehearsal: Rehearsal | None, rehearsed: bool, taught: int) -> list[float]:
+def _outcome(frame: FrameGaussians, rehearsal: Rehearsal | None, rehearsed: bool, taught: int) -> list[float]:
     """As `refinement/outcome` holds it."""
     if frame.plan is None or rehearsal is None:
         return [len(frame.gaussians), -1, 0, 0, 0, 0, 0, 0]
@@ -106,43 +94,6 @@ def _nothing(width: int, height: int) -> GaussianMaps:
     """The maps of a view that is no source."""
     channels = [np.zeros((c, height, width), np.float16) for c in (3, 3, 2, 2)]
     return GaussianMaps(np.zeros((height, width, 3), np.uint8), np.zeros((height, width), np.float32), *channels)
-
-
-class _Frames:
-    """What the task reads, frame by frame and view by view; `i` is a frame of the sequence."""
-
-    def __init__(self, inputs: Inputs, params: RefinementParams) -> None:
-        self.inputs, self.every = inputs, pixels_a_gaussian(len(inputs.views.sources), params)
-        self.start = inputs.span("frames/mask").start
-        self.arrays = {
-            v: [inputs.read(name, v) for name in unrefined_arrays(inputs.facts)] for v in inputs.views.sources
-        }
-        self.masks = {v: inputs.read("frames/mask", v) for v in inputs.views.sources}
-
-    def maps(self, i: int, view: int) -> GaussianMaps:
-        """As they are before refinement."""
-        return GaussianMaps(*(a[i - self.start] for a in self.arrays[view]))
-
-    def frame(self, i: int) -> _Frame:
-        """Thinned Gaussians of the source views that have some, and something to compare with. Whether a frame of
-        the halo has a picture is told by its mask."""
-        rig, sources = self.inputs.rig, self.inputs.views.sources
-        found = {}
-        for v in sources:
-            maps = thinned(self.maps(i, v), self.every)
-            gaussians = ViewGaussians.of(maps, rig.intrinsics[v], rig.world_to_camera[v])
-            if len(gaussians) and self.masks[v][i - self.start].any():
-                found[v] = gaussians
-        plan = schedule(rig, sources, np.isin(np.arange(len(rig)), list(found)))
-        return _Frame(found, {v: self.filmed(i, v) for v in found} if plan else {}, plan)
-
-    def filmed(self, i: int, view: int) -> Filmed:
-        """The view's picture without the padding."""
-        rig = self.inputs.rig
-        width, height = (int(n) for n in rig.size[view])
-        cover = self.masks[view][i - self.start][:height, :width].astype(np.float32) / 255
-        color = np.asarray(self.maps(i, view).color)[:height, :width].astype(np.float32) / 255 * cover[..., None]
-        return Filmed(Camera(rig.intrinsics[view], rig.world_to_camera[view], width, height), color, cover)
 
 
 def check(block: Block, params: RefinementParams) -> list[str]:

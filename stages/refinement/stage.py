@@ -6,25 +6,19 @@ from posegaussian.stages.contract.declaration import Read, Resources, Stage
 from posegaussian.stages.contract.facts import FEW_SOURCES, Facts
 from posegaussian.stages.frames.effects import NOISE_AVERAGING
 from posegaussian.stages.network.params import TWISTED, depth_reads
-from posegaussian.stages.refinement.params import FEWEST, RefinementParams, halo, pixels_a_gaussian
+from posegaussian.stages.refinement.params import FEWEST, RefinementParams, halo, optimised_bytes
 from posegaussian.stages.rendering.sources import REFINEMENT, TWIST
 from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
 def needs(shape: Shape, params: RefinementParams) -> Resources:
-    """Maps of the partition and its halo (28 bytes a pixel and view), as many again to write, one frame's optimisation,
-    one picture's gradients.
-
-    As if every pixel had depth: of those that keep one a Gaussian of twelve numbers, with its gradient, the means of it
-    and of its square, the lifted copy, and its slots in a picture's gradients; the pictures and their moments; the
-    judge's picture of two views.
-    """
+    """Maps of the partition and its halo (28 bytes a pixel and view), as many again to write, and one frame's
+    optimisation, which lies on the device where there is one."""
     before, _ = halo(params, Facts())
     pixels = shape["y"] * shape["x"]
     maps = pixels * shape["view"] * 28 * (2 * shape["frame"] + before)
-    kept = shape["view"] / pixels_a_gaussian(shape["view"], params)
-    optimised = pixels * (kept * 2160 + 760)
-    return Resources(cpu=1, gpu=1, ram=int(maps + optimised), vram=int(optimised + 2**28))
+    optimised = optimised_bytes(pixels, shape["view"], params)
+    return Resources(cpu=1, gpu=1, ram=int(maps) + optimised, vram=optimised + 2**28)
 
 
 def unneeded(params: RefinementParams, facts: Facts) -> str | None:

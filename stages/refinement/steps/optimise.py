@@ -12,6 +12,7 @@ from numba import njit
 
 from posegaussian.stages.refinement.steps.attributes import Offsets, SharedGaussians, ViewGaussians
 from posegaussian.stages.refinement.steps.loss import Filmed, loss
+from posegaussian.stages.splatting.definition.scene import Camera, Gaussians
 from posegaussian.stages.splatting.rasterizer import rasterize
 
 RATES = {"color": 0.0025, "scale": 0.03, "rotation": 0.0015, "opacity": 0.1, "depth": 0.4, "twist": 0.1}
@@ -110,14 +111,19 @@ class HostWalk(Walk):
         return self.gaussians.with_offsets(self.average)
 
     def _learn(self, picture: int, slower: float) -> None:
+        gaussians = self._with_slopes(picture, self.pictures[picture].camera)
+        self.adam.step(self.gaussians.slopes(gaussians), slower)
+
+    def _with_slopes(self, picture: int, camera: Camera) -> Gaussians:
+        """The Gaussians as they are, with their gradients in a picture that a camera takes."""
         filmed, gaussians = self.pictures[picture], self.gaussians.gaussians()
-        drawn = rasterize(gaussians, [filmed.camera])
+        drawn = rasterize(gaussians, [camera])
         _, by_color, by_alpha = loss(drawn.color[0].detach().numpy(), drawn.alpha[0].detach().numpy(), filmed)
         slopes = torch.from_numpy(by_color)[None], torch.from_numpy(by_alpha)[None]
         torch.autograd.backward(
             [drawn.color, drawn.alpha, gaussians.opacity], [*slopes, torch.full_like(gaussians.opacity, NEEDLESS)]
         )
-        self.adam.step(self.gaussians.slopes(gaussians), slower)
+        return gaussians
 
     def _remember(self) -> None:
         for name, a in self.gaussians.offsets.items():

@@ -1,0 +1,63 @@
+"""What refinement reads of a frame: thinned Gaussians of the source views, and the pictures they should draw."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from posegaussian.stages.contract.io import Inputs
+from posegaussian.stages.refinement.params import RefinementParams, pixels_a_gaussian
+from posegaussian.stages.refinement.schedule import Schedule, schedule
+from posegaussian.stages.refinement.steps.attributes import ViewGaussians
+from posegaussian.stages.refinement.steps.loss import Filmed
+from posegaussian.stages.refinement.thinning import thinned
+from posegaussian.stages.rendering.lift import GaussianMaps
+from posegaussian.stages.rendering.sources import unrefined_arrays
+from posegaussian.stages.splatting.definition.scene import Camera
+
+
+class FrameGaussians(NamedTuple):
+    """What is optimised, and on what, by source view that has both."""
+
+    gaussians: dict[int, ViewGaussians]
+    filmed: dict[int, Filmed]
+    plan: Schedule | None
+    """None: too few views."""
+
+
+class FrameReader:
+    """What the task reads, frame by frame and view by view; `i` is a frame of the sequence."""
+
+    def __init__(self, inputs: Inputs, params: RefinementParams) -> None:
+        self.inputs, self.every = inputs, pixels_a_gaussian(len(inputs.views.sources), params)
+        self.start = inputs.span("frames/mask").start
+        self.arrays = {
+            v: [inputs.read(name, v) for name in unrefined_arrays(inputs.facts)] for v in inputs.views.sources
+        }
+        self.masks = {v: inputs.read("frames/mask", v) for v in inputs.views.sources}
+
+    def maps(self, i: int, view: int) -> GaussianMaps:
+        """As they are before refinement."""
+        return GaussianMaps(*(a[i - self.start] for a in self.arrays[view]))
+
+    def frame(self, i: int) -> FrameGaussians:
+        """Thinned Gaussians of the source views that have some, and something to compare with. Whether a frame of
+        the halo has a picture is told by its mask."""
+        rig, sources = self.inputs.rig, self.inputs.views.sources
+        found = {}
+        for v in sources:
+            maps = thinned(self.maps(i, v), self.every)
+            gaussians = ViewGaussians.of(maps, rig.intrinsics[v], rig.world_to_camera[v])
+            if len(gaussians) and self.masks[v][i - self.start].any():
+                found[v] = gaussians
+        plan = schedule(rig, sources, np.isin(np.arange(len(rig)), list(found)))
+        return FrameGaussians(found, {v: self.filmed(i, v) for v in found} if plan else {}, plan)
+
+    def filmed(self, i: int, view: int) -> Filmed:
+        """The view's picture without the padding."""
+        rig = self.inputs.rig
+        width, height = (int(n) for n in rig.size[view])
+        cover = self.masks[view][i - self.start][:height, :width].astype(np.float32) / 255
+        color = np.asarray(self.maps(i, view).color)[:height, :width].astype(np.float32) / 255 * cover[..., None]
+        return Filmed(Camera(rig.intrinsics[view], rig.world_to_camera[view], width, height), color, cover)

@@ -1,0 +1,108 @@
+"""Cameras that are turned together with the Gaussians: slopes by finite differences, and where they end."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from posegaussian.stages.geometry.subject import look_at_point
+from posegaussian.stages.imaging.small_turns import following, turned
+from posegaussian.stages.refinement.steps.turning import RATE, TurnedCameras, TurningWalk, turns_with_gaussians
+from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
+from tests.stages.refinement.walks import begun
+
+
+@pytest.fixture(scope="module")
+def person() -> PersonCapture:
+    return capture_person(views=6, size=96, frames=1, held_out=0)
+
+
+def written(person: PersonCapture, turns: np.ndarray) -> PersonCapture:
+    """The same pictures and depth of cameras that are written down turned."""
+    return replace(person, rig=turned(person.rig, turns))
+
+
+def pixels(person: PersonCapture, seed: int) -> np.ndarray:
+    """[V, 3] rad that turn pictures by a pixel, one standard deviation an axis, with nothing of a shifted subject."""
+    rig = person.rig
+    turns = np.random.default_rng(seed).normal(size=(len(rig), 3)) / rig.intrinsics[:, :1, 0]
+    together = following(rig)
+    return (turns.ravel() - together @ (together.T @ turns.ravel())).reshape(-1, 3)
+
+
+def test_turns_that_follow_a_subject_are_those_that_keep_it_where_it_was_in_every_picture(
+    person: PersonCapture,
+) -> None:
+    rig, shift = person.rig, np.array([0.003, -0.002, 0.001])
+    together = following(rig)
+    np.testing.assert_allclose(together.T @ together, np.eye(3), atol=1e-12)
+    ahead = look_at_point(rig) - rig.centres
+    about = np.cross(ahead, shift) / (ahead**2).sum(axis=1)[:, None]
+    wanted = np.einsum("vij,vj->vi", rig.rotations, about).ravel()
+    np.testing.assert_allclose(together @ (together.T @ wanted), wanted, atol=1e-12)
+
+
+@pytest.mark.parametrize("view", [0, 3])
+def test_slopes_by_turns_are_those_of_where_gaussians_come_to_lie_before_the_camera(
+    person: PersonCapture, view: int
+) -> None:
+    """A value of the Gaussians' places in the axes of the camera that sees them, linear in them."""
+    walk = TurningWalk(*begun(person), TurnedCameras(person.rig))
+    slopes = np.random.default_rng(2).normal(size=(len(walk.gaussians), 3))  # by places in that camera's axes
+
+    def value(turns: np.ndarray) -> float:
+        rig = turned(person.rig, turns)
+        walk.gaussians.rays.poses[:] = rig.world_to_camera[list(walk.gaussians.views), :3]
+        places = walk.gaussians.gaussians().mean.detach().numpy().astype(np.float64)
+        pose = rig.world_to_camera[view]
+        return float((slopes * (places @ pose[:3, :3].T + pose[:3, 3])).sum())
+
+    step, none = 1e-3, np.zeros((len(person.rig), 3))
+    value(none)
+    places = walk.gaussians.gaussians().mean.detach().numpy()
+    found = walk._by_turns(view, places, slopes @ person.rig.rotations[view])
+    for v, axis in ((view, 0), (view, 2), (1, 0), (1, 1), (5, 2)):
+        by = none.copy()
+        by[v, axis] = step
+        wanted = (value(by) - value(-by)) / (2 * step)
+        # metres in float32, differences of 1e-3
+        assert found[v, axis] == pytest.approx(wanted, rel=2e-3, abs=2e-2), (v, axis)
+
+
+def test_cameras_written_down_a_pixel_off_come_back_more_than_half_way(person: PersonCapture) -> None:
+    off = pixels(person, 1)
+    given = written(person, off)
+    found = turns_with_gaussians(given.rig, [begun(given)])
+    left = (off + found) * person.rig.intrinsics[:, :1, 0]  # turns so small add up
+    assert np.sqrt((left[:, :2] ** 2).mean()) < 0.5
+    assert np.abs(following(given.rig).T @ found.ravel()).max() < 1e-12
+
+
+def test_cameras_that_stand_right_hardly_turn(person: PersonCapture) -> None:
+    found = turns_with_gaussians(person.rig, [begun(person)]) * person.rig.intrinsics[:, :1, 0]
+    assert np.sqrt((found[:, :2] ** 2).mean()) < 0.25
+
+
+def test_a_camera_kept_aside_stays_and_changes_nothing(person: PersonCapture) -> None:
+    gaussians, filmed, order = begun(person)
+    few = {v: g for v, g in gaussians.items() if v != 2}, filmed, tuple(v for v in order if v != 2)
+    found = turns_with_gaussians(person.rig, [few])
+    assert not found[2].any()
+    rest = [v for v in order if v != 2]
+    moved = person.rig.world_to_camera.copy()
+    moved[2, :3, 3] += 1
+    np.testing.assert_array_equal(found, turns_with_gaussians(replace(person.rig, world_to_camera=moved), [few]))
+    assert np.abs(following(person.rig.subset(rest)).T @ found[rest].ravel()).max() < 1e-12
+
+
+def test_a_first_step_is_the_rate_against_the_slope_and_what_is_no_number_turns_nothing(person: PersonCapture) -> None:
+    cameras, rate = TurnedCameras(person.rig), RATE / person.rig.intrinsics[0, 0, 0]
+    slopes = np.zeros((len(person.rig), 3))
+    slopes[1, 0], slopes[2, 1], slopes[3, 2] = 5.0, np.nan, -0.1
+    cameras.step(slopes, slower=2.0)
+    wanted = np.zeros_like(slopes)
+    wanted[1, 0], wanted[3, 2] = -rate / 2, rate / 2
+    np.testing.assert_allclose(cameras.turns, wanted, rtol=1e-9)
+    np.testing.assert_array_equal(cameras.rig.world_to_camera, turned(person.rig, wanted).world_to_camera)
