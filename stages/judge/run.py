@@ -82,15 +82,20 @@ def _compared(inputs: Inputs, params: JudgeParams, asked: list[str]) -> Iterator
         methods = tried_methods(inputs.rig, inputs.views.sources)
     if any(METHODS[m].of_frame is None for m in methods):
         return  # depth that came with the capture lies in files that no frame here holds
+    made, drawn = dict[str, Frames](), dict[str, np.ndarray]()
     if {TURNS, CALIBRATION} & inputs.facts:
-        frames, turns, with_turns = as_filmed(inputs, params.frames, methods[-1], views)
+        (frames, made[methods[-1]], drawn[methods[-1]]), turns, with_turns = as_filmed(
+            inputs, params.frames, methods[-1], views
+        )
         yield TURNS, turns
         yield CALIBRATION, with_turns
     else:
         frames = frames_of(inputs, params.frames)
     filmed = frames.read("frames/color")
-    made = {m: with_gaussians(frames, depth, m, body_facts(inputs, m)) for m in methods}
-    drawn = {m: scores(made[m], filmed, views, PLAIN) for m in methods}
+    for m in methods:
+        if m not in made:
+            made[m] = with_gaussians(frames, depth, m, body_facts(inputs, m))
+            drawn[m] = scores(made[m], filmed, views, PLAIN)
     best = methods[0]
     if DEPTH in asked:
         nothing = np.full_like(drawn[best], NONE)

@@ -20,11 +20,21 @@ from posegaussian.stages.refinement.params import RefinementParams
 from posegaussian.stages.refinement.steps.turning import turns_with_gaussians
 
 
-class Turned(NamedTuple):
-    """The better of both."""
+class Tried(NamedTuple):
+    """Cameras that stand in one way."""
 
     frames: Frames
     """A few frames, as `frames_of` gives them."""
+    made: Frames
+    """The same with Gaussians."""
+    drawn: np.ndarray
+    """[picture, measure] of left-out views."""
+
+
+class Turned(NamedTuple):
+    """The better of both."""
+
+    better: Tried
     turns: np.ndarray
     """[V, 3] rad of the better of those that were tried."""
     drawn: np.ndarray
@@ -44,20 +54,20 @@ def as_filmed(inputs: Inputs, most: int, method: str, views: list[int]) -> Turne
     """At most so many frames with the cameras as they draw left-out `views` better by a depth method: as they are
     written down, or turned by what pairs of them share and, where that is better, from there on with the Gaussians."""
 
-    def tried(turns: np.ndarray | None) -> tuple[Frames, Frames, np.ndarray]:
+    def tried(turns: np.ndarray | None) -> Tried:
         frames = frames_of(inputs, most, turns)
         made = with_gaussians(frames, inputs.settings["depth"], method, body_facts(inputs, method))
-        return frames, made, scores(made, frames.read("frames/color"), views, Facts())
+        return Tried(frames, made, scores(made, frames.read("frames/color"), views, Facts()))
 
     turns = turns_by_links(inputs)
     written, turned = tried(None), tried(turns)
-    if not _better(turned[2], written[2]):
-        return Turned(written[0], turns, np.stack([written[2], turned[2]], axis=1))
-    together = turns + turns_together(turned[1])
+    if not _better(turned.drawn, written.drawn):
+        return Turned(written, turns, np.stack([written.drawn, turned.drawn], axis=1))
+    together = turns + turns_together(turned.made)
     further = tried(together)
-    if _better(further[2], turned[2]):
+    if _better(further.drawn, turned.drawn):
         turned, turns = further, together
-    return Turned(turned[0], turns, np.stack([written[2], turned[2]], axis=1))
+    return Turned(turned, turns, np.stack([written.drawn, turned.drawn], axis=1))
 
 
 def turns_together(made: Frames) -> np.ndarray:

@@ -57,7 +57,7 @@ def test_cameras_turn_as_far_as_left_out_views_gain(
     linked: float, together: float, frames: float, turns: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     found = taken(monkeypatch, 20.0, linked, together)
-    np.testing.assert_allclose(found.frames.turns, frames)  # type: ignore[attr-defined]
+    np.testing.assert_allclose(found.better.frames.turns, frames)  # type: ignore[attr-defined]
     np.testing.assert_allclose(found.turns, turns)
     best = max(linked, together) if frames > 0.011 else linked
     np.testing.assert_allclose(found.drawn[..., 0], [[20.0, best]])
