@@ -91,8 +91,8 @@ class RunSettings(Params):
     threads: int = setting(1, "Threads each task may use.", ge=1, le=256)
     gpus: Literal["auto"] | Annotated[int, Field(ge=0, le=64)] = setting(
         "auto",
-        "GPU workers of the local scheduler, one a device;"
-        " more than there are devices stand in for one and compute on the CPU.",
+        "GPU workers of the local scheduler; more than there are devices share them; auto: one, or as many as cores and"
+        " memory of the device allow. Without a device they compute on the CPU.",
     )
     window: int = setting(
         2, "Tasks in flight for every worker slot; up to 8 while tasks take milliseconds.", ge=1, le=64

@@ -24,6 +24,11 @@ from posegaussian.stages.registry import STAGES
 CPU, GPU = "CPU", "GPU"
 """Names of the pools, and of the worker resources their tasks ask for."""
 
+MOST_SHARING, CORES_EACH, MEMORY_EACH = 4, 4, 4 * 2**10
+"""Workers that share a GPU at most; cores of the processor for each, and MiB of the device. One alone leaves it idle
+for most of the time: between a frame's kernels its core reads, lifts and writes. For steps of eight 512 px views a
+worker needs 0.2 GiB of the device, beside what its libraries take."""
+
 CGROUP_LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
 """Where a container's memory limit is told."""
 
@@ -52,17 +57,42 @@ def visible_gpus() -> list[str]:
     return listed.stdout.split() if listed.returncode == 0 else []
 
 
+def device_memory(device: str) -> int | None:
+    """MiB of an NVIDIA device; None where nobody tells."""
+    if not shutil.which("nvidia-smi"):
+        return None
+    told = subprocess.run(
+        ["nvidia-smi", f"--id={device}", "--query-gpu=memory.total", "--format=csv,noheader,nounits"],
+        capture_output=True,
+        text=True,
+        check=False,
+    ).stdout.strip()
+    return int(told) if told.isdigit() else None
+
+
 def gpu_workers(gpus: int | str) -> dict[str, str]:
-    """{worker: the device it sees} of `run.gpus`; a worker beyond the devices there are stands in for one and sees
-    none."""
+    """{worker: the device it sees} of `run.gpus`: several share one where cores and the device's memory allow it.
+    Without any device, as many as are asked for stand in for one and see none."""
     devices = visible_gpus()
-    count = len(devices) if gpus == "auto" else int(gpus)
-    return {f"gpu-{i}": devices[i] if i < len(devices) else "" for i in range(count)}
+    if not devices:
+        return {f"gpu-{i}": "" for i in range(0 if gpus == "auto" else int(gpus))}
+    count = sum(_sharing(d, len(devices)) for d in devices) if gpus == "auto" else int(gpus)
+    return {f"gpu-{i}": devices[i % len(devices)] for i in range(count)}
+
+
+def _sharing(device: str, devices: int) -> int:
+    """Workers for one of so many devices; one alone where nobody tells how much memory it has."""
+    memory = device_memory(device)
+    cores = (os.cpu_count() or 1) // devices
+    return max(1, min(MOST_SHARING, cores // CORES_EACH, (memory or 0) // MEMORY_EACH))
 
 
 def cpu_workers(run: Any) -> int:
-    """Worker processes of the local scheduler."""
-    return run.workers or max(1, (os.cpu_count() or 1) // run.threads)
+    """Worker processes of the local scheduler: one a core, but for those of GPU workers that share a device."""
+    if run.workers:
+        return int(run.workers)
+    cores = (os.cpu_count() or 1) // run.threads
+    return max(1, cores - max(0, len(gpu_workers(run.gpus)) - len(visible_gpus())))
 
 
 def machine_memory() -> int:

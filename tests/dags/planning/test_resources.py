@@ -1,0 +1,56 @@
+"""Workers of this machine: who sees which device, and how many share one."""
+
+from __future__ import annotations
+
+import pytest
+
+from posegaussian.dags.config.settings import RunSettings
+from posegaussian.dags.planning import resources
+from posegaussian.dags.planning.resources import CPU, GPU, cpu_workers, gpu_workers, local_pools
+
+
+def machine(monkeypatch: pytest.MonkeyPatch, cores: int, devices: list[str], memory: int | None) -> None:
+    """With so many cores, and devices of so many MiB."""
+    monkeypatch.setattr(resources.os, "cpu_count", lambda: cores)
+    monkeypatch.setattr(resources, "visible_gpus", lambda: devices)
+    monkeypatch.setattr(resources, "device_memory", lambda device: memory)
+
+
+@pytest.mark.parametrize(
+    ("cores", "devices", "memory", "seen"),
+    [
+        (16, ["0"], 80_000, ["0"] * 4),
+        (64, ["0"], 80_000, ["0"] * 4),
+        (8, ["0"], 80_000, ["0"] * 2),
+        (2, ["0"], 80_000, ["0"]),
+        (16, ["0"], 8_192, ["0"] * 2),
+        (16, ["0"], 6_000, ["0"]),
+        (16, ["0"], None, ["0"]),
+        (16, ["2", "3"], 80_000, ["2", "3", "2", "3"]),
+        (16, [], None, []),
+    ],
+)
+def test_as_many_share_a_device_as_cores_and_its_memory_allow(
+    cores: int, devices: list[str], memory: int | None, seen: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All of the devices are seen, and a core each goes from the CPU workers to who shares one."""
+    machine(monkeypatch, cores, devices, memory)
+    assert list(gpu_workers("auto").values()) == seen
+    assert cpu_workers(RunSettings()) == cores - (len(seen) - len(devices))
+    pools = local_pools(RunSettings())
+    assert (pools[GPU].workers if seen else 0) == len(seen)
+    assert cpu_workers(RunSettings(workers=7)) == 7
+
+
+def test_so_many_as_are_asked_for_share_devices_or_stand_in_for_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    machine(monkeypatch, 4, ["0", "1"], 1_000)
+    assert gpu_workers(3) == {"gpu-0": "0", "gpu-1": "1", "gpu-2": "0"}
+    assert gpu_workers(0) == {}
+    machine(monkeypatch, 4, [], None)
+    assert gpu_workers(2) == {"gpu-0": "", "gpu-1": ""}
+    assert local_pools(RunSettings(gpus=2))[CPU].workers == 2
+
+
+def test_cores_are_never_all_given_away(monkeypatch: pytest.MonkeyPatch) -> None:
+    machine(monkeypatch, 2, ["0"], 80_000)
+    assert cpu_workers(RunSettings(gpus=8)) == 1
