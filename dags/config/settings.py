@@ -82,12 +82,19 @@ class ViewSettings(Params):
 
 
 class RunSettings(Params):
-    """Where tasks run. Nothing here can change a result."""
+    """Where tasks run. Nothing here changes a result, but a GPU rounds otherwise than a CPU: what is drawn or refined
+    on one is as good, not the same to the bit."""
 
     scheduler: str = setting(
         "local", "serial, local, or the address of a running scheduler.", pattern=r"^(serial|local|(tcp|tls|ucx)://.+)$"
     )
-    workers: int | None = setting(None, "Worker processes of the local scheduler; null: one a core.", ge=1, le=1024)
+    workers: int | None = setting(
+        None,
+        "Worker processes of the local scheduler; null: one for every `threads` cores, less GPU workers that share a"
+        " device.",
+        ge=1,
+        le=1024,
+    )
     threads: int = setting(1, "Threads each task may use.", ge=1, le=256)
     gpus: Literal["auto"] | Annotated[int, Field(ge=0, le=64)] = setting(
         "auto",

@@ -10,6 +10,7 @@ import shutil
 import subprocess
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +25,10 @@ from posegaussian.stages.registry import STAGES
 CPU, GPU = "CPU", "GPU"
 """Names of the pools, and of the worker resources their tasks ask for."""
 
-MOST_SHARING, CORES_EACH, MEMORY_EACH = 4, 4, 4 * 2**10
-"""Workers that share a GPU at most; cores of the processor for each, and MiB of the device. One alone leaves it idle
-for most of the time: between a frame's kernels its core reads, lifts and writes. For steps of eight 512 px views a
-worker needs 0.2 GiB of the device, beside what its libraries take."""
+MOST_SHARING, CORES_EACH, MEMORY_EACH = 4, 4, 8 * 2**10
+"""Workers that share a GPU at most; threads of the processor for each, and MiB of the device. One alone would leave it
+idle for most of a frame, while its core reads, lifts and writes. Tasks of eight views of 1024 px declare up to 4 GiB of
+it, of 2048 px up to 15: there fewer should share a smaller device, by `run.gpus`."""
 
 CGROUP_LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
 """Where a container's memory limit is told."""
@@ -49,50 +50,47 @@ def visible_gpus() -> list[str]:
     """Indices of the NVIDIA devices of this machine, without importing torch or making a context."""
     if "CUDA_VISIBLE_DEVICES" in os.environ:
         return [d for d in os.environ["CUDA_VISIBLE_DEVICES"].split(",") if d.strip()]
-    if not shutil.which("nvidia-smi"):
-        return []
-    listed = subprocess.run(
-        ["nvidia-smi", "--query-gpu=index", "--format=csv,noheader"], capture_output=True, text=True, check=False
-    )
-    return listed.stdout.split() if listed.returncode == 0 else []
+    return (_nvidia_smi("--query-gpu=index", "--format=csv,noheader") or "").split()
 
 
 def device_memory(device: str) -> int | None:
     """MiB of an NVIDIA device; None where nobody tells."""
+    told = _nvidia_smi(f"--id={device}", "--query-gpu=memory.total", "--format=csv,noheader,nounits") or ""
+    return int(told) if told.strip().isdigit() else None
+
+
+@cache
+def _nvidia_smi(*words: str) -> str | None:
+    """What it prints, asked once a process: every plan wants to know. None where it is not there or fails."""
     if not shutil.which("nvidia-smi"):
         return None
-    told = subprocess.run(
-        ["nvidia-smi", f"--id={device}", "--query-gpu=memory.total", "--format=csv,noheader,nounits"],
-        capture_output=True,
-        text=True,
-        check=False,
-    ).stdout.strip()
-    return int(told) if told.isdigit() else None
+    told = subprocess.run(["nvidia-smi", *words], capture_output=True, text=True, check=False)
+    return told.stdout if told.returncode == 0 else None
 
 
-def gpu_workers(gpus: int | str) -> dict[str, str]:
-    """{worker: the device it sees} of `run.gpus`: several share one where cores and the device's memory allow it.
+def gpu_workers(run: Any) -> dict[str, str]:
+    """{worker: the device it sees} of `run` settings: several share one where cores and the device's memory allow it.
     Without any device, as many as are asked for stand in for one and see none."""
     devices = visible_gpus()
     if not devices:
-        return {f"gpu-{i}": "" for i in range(0 if gpus == "auto" else int(gpus))}
-    count = sum(_sharing(d, len(devices)) for d in devices) if gpus == "auto" else int(gpus)
+        return {f"gpu-{i}": "" for i in range(0 if run.gpus == "auto" else run.gpus)}
+    cores = (os.cpu_count() or 1) // (run.threads * len(devices))
+    count = sum(_sharing(d, cores) for d in devices) if run.gpus == "auto" else run.gpus
     return {f"gpu-{i}": devices[i % len(devices)] for i in range(count)}
 
 
-def _sharing(device: str, devices: int) -> int:
-    """Workers for one of so many devices; one alone where nobody tells how much memory it has."""
-    memory = device_memory(device)
-    cores = (os.cpu_count() or 1) // devices
-    return max(1, min(MOST_SHARING, cores // CORES_EACH, (memory or 0) // MEMORY_EACH))
+def _sharing(device: str, cores: int) -> int:
+    """Workers for a device with so many tasks' cores; one alone where nobody tells how much memory it has."""
+    return max(1, min(MOST_SHARING, cores // CORES_EACH, (device_memory(device) or 0) // MEMORY_EACH))
 
 
 def cpu_workers(run: Any) -> int:
-    """Worker processes of the local scheduler: one a core, but for those of GPU workers that share a device."""
+    """Worker processes of the local scheduler: one for each task's cores, but for GPU workers beyond one a device."""
     if run.workers:
         return int(run.workers)
-    cores = (os.cpu_count() or 1) // run.threads
-    return max(1, cores - max(0, len(gpu_workers(run.gpus)) - len(visible_gpus())))
+    devices = visible_gpus()
+    beyond = max(0, len(gpu_workers(run)) - len(devices)) if devices else 0
+    return max(1, (os.cpu_count() or 1) // run.threads - beyond)
 
 
 def machine_memory() -> int:
@@ -110,7 +108,7 @@ def local_pools(run: Any) -> dict[str, Pool]:
     """{CPU, GPU: pool} of this machine under `run` settings."""
     if run.scheduler == "serial":
         return {CPU: Pool(1, 0, int(run.memory * 2**20) if run.memory else machine_memory())}
-    workers, gpus = cpu_workers(run), gpu_workers(run.gpus)
+    workers, gpus = cpu_workers(run), gpu_workers(run)
     ram = int(run.memory * 2**20) if run.memory else machine_memory() // (workers + len(gpus))
     return {CPU: Pool(workers, 0, ram)} | ({GPU: Pool(len(gpus), 1, ram)} if gpus else {})
 

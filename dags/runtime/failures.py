@@ -140,8 +140,8 @@ def failure(error: BaseException) -> Failure:
 ADVICE = {
     Kind.TRANSIENT: "it was tried {attempts} times; look at the disk, the network or the device, then run again",
     Kind.MEMORY: (
-        "it was tried once more alone; give it more memory with fewer run.workers or a larger run.memory, or less to do"
-        " with a smaller frames.size, or import with a smaller partition.frames"
+        "it was tried once more alone; give it more memory with fewer run.workers or a larger run.memory, a device's"
+        " with fewer run.gpus, or less to do with a smaller frames.size, or import with a smaller partition.frames"
     ),
     Kind.TIMEOUT: "raise run.timeout, or import with a smaller partition.frames",
 }

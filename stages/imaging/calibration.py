@@ -23,6 +23,16 @@ LEAST_GAIN = 0.05
 """dB by which turns must better the pictures of left-out views. Of cameras that are off by 0.3 px they do by 0.08 to 3,
 where held-out pictures gain 0.5 and more; of a head whose masks are a pixel off and whose cameras are not they lose
 0.14."""
+NEAR = 0.15
+"""Px by which links may miss their lines, of exact cameras and masks (0.02 to 0.12 at 512 px). Nearer than that they do
+not tell whether cameras are off; pictures do, which cameras that are off by 0.1 px cost 0.6 to 0.8 dB."""
+SMALLEST = 256
+"""Px of the longer side of pictures that can tell so little; in those of 48 px right cameras would be turned."""
+ALONE_GAIN = 0.15
+"""dB by which turns that pictures alone tell must better those of left-out views. Of three tuning people whose cameras
+are off by 0.1 px they do by 0.24 to 0.6, and held-out pictures gain 0.3 to 0.5; of a fourth, of six cameras, by 0.07,
+and held-out ones lose 0.17. Of right cameras they lose up to 0.10 or gain up to 0.09, where held-out pictures lose up
+to 0.29 or gain up to 0.08; of `bust`, whose masks are off, they gain 0.09, and held-out photographs lose 0.25."""
 WORDS = {"outlines": "outermost points of outlines", "features": "matched features"}
 
 
@@ -31,22 +41,29 @@ def _blind(evidence: Evidence) -> str | None:
     return cannot_judge(len(evidence.sources), bool(evidence.facts & set(MATTES.values())))
 
 
+def told_by(rig: Rig, links: Links) -> tuple[str, float] | None:
+    """What tells most of how cameras stand, and the median px by which it misses their lines: outlines, where there are
+    some, for features of round things are less exact; None where too few links tell anything."""
+    medians = links.medians(rig)
+    told = [k for i, k in enumerate(KINDS) if (links.kind == i).sum() >= FEWEST]
+    return (told[0], medians[told[0]]) if told else None
+
+
 def _settled(rig: Rig, links: Links, bound: float) -> tuple[float | None, str, bool]:
     """Of the source views as they are written down: median px by which links miss their lines, what is told of it, and
     whether that settles that turns are wrong or useless."""
-    count = {k: int((links.kind == i).sum()) for i, k in enumerate(KINDS)}
-    before = {k: px for k, px in links.medians(rig).items() if count[k] >= FEWEST}
-    if not before:
+    told = told_by(rig, links)
+    if told is None:
         return None, "no two cameras share enough outlines or features to tell", True
-    kind, px = next(iter(before.items()))  # outlines, where there are some: features of round things are less exact
-    told = f"{WORDS[kind]} miss the lines of other cameras by a median of {px:.2f} px"
+    kind, px = told
+    words = f"{WORDS[kind]} miss the lines of other cameras by a median of {px:.2f} px"
     if px <= bound:
-        return px, told, True
+        return px, words, rig.size.max() < SMALLEST
     after = links.medians(turned(rig, fitted_turns(rig, links)))
-    told += f", {after[kind]:.2f} once these are turned"
+    words += f", {after[kind]:.2f} once these are turned"
     if after[kind] > EXPLAINED[kind] * px:
-        return px, f"{told}: that is not what is wrong", True
-    return px, told, False
+        return px, f"{words}: that is not what is wrong", True
+    return px, words, False
 
 
 def _calibration(evidence: Evidence, bound: float) -> Decision | None:
@@ -61,8 +78,9 @@ def _calibration(evidence: Evidence, bound: float) -> Decision | None:
     means = mean_scores(evidence.noted[CALIBRATION])
     if means is None:
         return Decision(False, px, bound, f"{told}; no left-out view could be drawn to tell whether that is right")
+    assert px is not None
     return Decision(
-        bool(means[1, 0] - means[0, 0] >= LEAST_GAIN),
+        bool(means[1, 0] - means[0, 0] >= (ALONE_GAIN if px <= bound else LEAST_GAIN)),
         px,
         bound,
         f"{told}; left-out source views, drawn from the others, have {drawn_at(means, 1)} with turned cameras,"
@@ -79,9 +97,7 @@ CALIBRATION_CORRECTION = Effect(
     "calibration_correction",
     "Turn source views by the little by which their calibration is off.",
     "median distance of what cameras share from each other's lines",
-    # Exact cameras with masks miss by 0.02 to 0.12 px at 512 px; those that are turned by 0.3 px an axis, which costs 1
-    # to 4 dB, by 0.17 to 0.68.
-    0.15,
+    NEAR,
     "px",
     _calibration,
     asks=(LINKS, TURNS, CALIBRATION),

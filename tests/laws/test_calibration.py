@@ -19,7 +19,7 @@ from posegaussian.stages.contract.declaration import Decision, Evidence
 from posegaussian.stages.contract.judged import CALIBRATION, NONE, TURNS
 from posegaussian.stages.geometry.epipolar import fundamental, signed_epipolar_distance
 from posegaussian.stages.geometry.projection import project
-from posegaussian.stages.imaging.calibration import CALIBRATION_CORRECTION
+from posegaussian.stages.imaging.calibration import CALIBRATION_CORRECTION, SMALLEST
 from posegaussian.stages.imaging.small_turns import LINKS, Links
 from posegaussian.storage.model.cameras import Rig, rigid, rotation_matrix
 from tests.support.pipeline import Pipeline, film
@@ -141,7 +141,9 @@ def test_paths_go_between_the_cameras_as_they_stand(capture: Path, tmp_path: Pat
     assert Results(plan.context).has(f"rendering/{path}/color")
 
 
-def test_exact_cameras_are_left_alone_and_no_left_out_view_is_drawn_for_it(capture: Path, tmp_path: Path) -> None:
+def test_exact_cameras_are_left_alone_and_in_small_pictures_no_left_out_view_is_drawn_for_it(
+    capture: Path, tmp_path: Path
+) -> None:
     p = written(capture, tmp_path, 0.0)
     stages = {e.task.stage for e in p.run(selection=MADE) if isinstance(e, TaskDone)}
     assert "judge" not in stages
@@ -149,6 +151,30 @@ def test_exact_cameras_are_left_alone_and_no_left_out_view_is_drawn_for_it(captu
     verdict = context.effects["calibration_correction"]
     assert verdict.state == "off"
     assert context.rig is context.calibrated_rig
+
+
+@pytest.fixture(scope="module")
+def exact(tmp_path_factory: pytest.TempPathFactory) -> Pipeline:
+    """Exact cameras, with pictures that are large enough to tell."""
+    folder = tmp_path_factory.mktemp("exact")
+    film(folder / "filmed", views=6, size=SMALLEST, frames=1)
+    p = written(folder / "filmed", folder, 0.0, "frames.range=0:1", "judge.views=3")
+    p.run(selection=MADE)
+    return p
+
+
+def test_where_links_tell_of_no_error_pictures_of_left_out_views_leave_exact_cameras_alone(exact: Pipeline) -> None:
+    context = exact.plan().context
+    assert context.noted[CALIBRATION].max() > 0
+    assert context.effects["calibration_correction"].state == "off"
+    assert context.rig is context.calibrated_rig
+
+
+@pytest.mark.parametrize(("gain", "on"), [(-1.0, False), (0.1, False), (0.2, True)])
+def test_there_they_have_to_be_better_by_more(exact: Pipeline, gain: float, on: bool) -> None:
+    found = decided(exact, turns=exact.plan().context.noted[TURNS], scores=scored(20.0, 20.0 + gain))
+    assert found is not None
+    assert found.on == on
 
 
 def decided(p: Pipeline, **noted: np.ndarray) -> Decision | None:

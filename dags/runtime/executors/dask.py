@@ -207,7 +207,7 @@ class DaskBackend:
         placed = (
             f"GPU work is pinned to {number(gpu.workers, 'GPU worker')}"
             if gpu
-            else "no worker has a GPU: rendering runs on the CPU workers"
+            else "no worker has a GPU: network, refinement and rendering run on the CPU workers"
         )
         return (
             f"running on {self._address or 'this machine'} with {number(cpu.workers if cpu else 0, 'CPU worker')};"

@@ -33,7 +33,7 @@ accident."""
 
 
 def start_local(settings: RunSettings) -> Any:
-    """A cluster of this machine: one process a CPU worker, and one for every GPU, which sees that device alone.
+    """A cluster of this machine: one process a worker; a GPU worker sees one device alone.
 
     Raises SchedulerLost when its workers die while they start, every time.
     """
@@ -62,7 +62,7 @@ def _start(settings: RunSettings) -> Any:
         "PYTHONWARNINGS", "ignore::UserWarning:multiprocessing.resource_tracker"
     )  # it counts what killed workers leave
     pools = local_pools(settings)
-    devices = {f"cpu-{i}": None for i in range(cpu_workers(settings))} | gpu_workers(settings.gpus)
+    devices = {f"cpu-{i}": None for i in range(cpu_workers(settings))} | gpu_workers(settings)
     spec: dict[str, Any] = {}
     for name, device in devices.items():
         pool = CPU if device is None else GPU

@@ -3,13 +3,17 @@ number a lane. What is computed: `SharedGaussians`, `lifting.Rays` and the CPU's
 
 from __future__ import annotations
 
+from itertools import accumulate
+
 import triton
 import triton.language as tl
 
+from posegaussian.stages.refinement.steps.attributes import CHANNELS
+
 BLOCK = 128
 """Lanes of a program."""
-COLOR, SCALE, NORMAL, OPACITY, DEPTH, TWIST = 0, 3, 6, 9, 10, 11
-"""Rows of the offsets [12, N] and, but for the turn, of what they are added to [11, N]: the order of `CHANNELS`."""
+COLOR, SCALE, NORMAL, OPACITY, DEPTH, TWIST = accumulate(list(CHANNELS.values())[:-1], initial=0)
+"""First rows of the offsets [12, N] and, but for the turn, of what they are added to [11, N]."""
 _BLOCK = tl.constexpr(BLOCK)
 _COLOR, _SCALE, _NORMAL, _OPACITY = (tl.constexpr(n) for n in (COLOR, SCALE, NORMAL, OPACITY))
 _DEPTH, _TWIST = tl.constexpr(DEPTH), tl.constexpr(TWIST)
@@ -95,9 +99,9 @@ def slopes_of(
 
 
 @triton.jit
-def adam(values, slopes, mean, square, rates, lower, upper, masked, slower, unbiased, nearer, larger, n, total):
+def adam(values, slopes, mean, square, rates, lower, upper, masked, shorter, unbiased, nearer, larger, n, total):
     """Move values [12, N] within their bounds against slopes, and the running means of these and of their squares, all
-    in place: by rates [12] times `slower`. Slopes that are not finite count as 0, and one more each in `masked`."""
+    in place: by rates [12] times `shorter`. Slopes that are not finite count as 0, and one more each in `masked`."""
     at = tl.program_id(0) * _BLOCK + tl.arange(0, _BLOCK)
     listed = at < total
     g = tl.load(slopes + at, mask=listed, other=0.0)
@@ -113,7 +117,7 @@ def adam(values, slopes, mean, square, rates, lower, upper, masked, slower, unbi
     tl.store(square + at, q, mask=listed)
     size = tl.sqrt_rn(q * unbiased)
     moves = (size > 0.0) & (size < float("inf"))
-    rate = tl.load(rates + at // n, mask=listed, other=0.0) * slower
+    rate = tl.load(rates + at // n, mask=listed, other=0.0) * shorter
     v = tl.load(values + at, mask=listed, other=0.0)
     v = tl.where(moves, v - rate * tl.div_rn(m, tl.where(moves, size, 1.0)), v)
     least, most = tl.load(lower + at, mask=listed, other=0.0), tl.load(upper + at, mask=listed, other=0.0)

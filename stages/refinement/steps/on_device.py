@@ -1,7 +1,7 @@
-"""Steps of Gaussians on a device: nothing crosses to the host between the first and the last of them.
+"""Steps of Gaussians on a device, where what is optimised stays from the first to the last of them.
 
 The same as `HostWalk` takes, by the renderer's kernels and those of `device_lifting` and `device_loss`: what is
-optimised lies in one tensor.
+optimised lies in one tensor. Only the mean over steps is brought to the host, to be judged and kept.
 """
 
 from __future__ import annotations

@@ -149,14 +149,14 @@ class _Adam:
         for name, values in self.gaussians.offsets.items():
             rate = np.float32(self.rates[name] / slower / (1 - MEAN**self.count))
             unbiased = np.float32(1 / (1 - SQUARE**self.count))
-            self.masked += _move(values, slopes[name], self.mean[name], self.square[name], rate, unbiased)
+            self.masked += move(values, slopes[name], self.mean[name], self.square[name], rate, unbiased)
         self.gaussians.confine()
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _move(values, slopes, mean, square, rate, unbiased):  # type: ignore[no-untyped-def]
-    """Move values [C, N], and the running means of their slopes and of these squared, all in place; returns how many
-    slopes are not finite."""
+def move(values, slopes, mean, square, rate, unbiased):  # type: ignore[no-untyped-def]
+    """Move values [C, N] by Adam, and the running means of their slopes and of these squared, all float32 and in place;
+    returns how many slopes are not finite, which count as 0."""
     masked, nearer, larger = 0, np.float32(1 - MEAN), np.float32(1 - SQUARE)
     for c in range(values.shape[0]):
         for n in range(values.shape[1]):

@@ -9,7 +9,7 @@ import numpy as np
 from posegaussian.stages.imaging.small_turns import following, turned
 from posegaussian.stages.refinement.steps.attributes import ViewGaussians
 from posegaussian.stages.refinement.steps.loss import Filmed
-from posegaussian.stages.refinement.steps.optimise import MEAN, NEWEST, SQUARE, HostWalk
+from posegaussian.stages.refinement.steps.optimise import MEAN, NEWEST, SQUARE, HostWalk, move
 from posegaussian.stages.splatting.definition.scene import Camera
 from posegaussian.storage.model.cameras import Rig
 
@@ -24,20 +24,29 @@ class TurnedCameras:
 
     def __init__(self, rig: Rig) -> None:
         self.given = self.rig = rig
-        self.turns, self.mean, self.square, self.average = (np.zeros((len(rig), 3)) for _ in range(4))
+        self.focals = rig.intrinsics[:, 0, 0]
+        self.pixels, self.mean, self.square = (np.zeros((3, len(rig)), np.float32) for _ in range(3))
+        self.average = self.pixels.copy()
         self.count = 0
 
-    def step(self, slopes: np.ndarray, slower: float) -> None:
-        """One step against slopes [V, 3] by turns in the cameras' own axes, at a rate divided by `slower`."""
+    def turn(self, slopes: np.ndarray, slower: float) -> None:
+        """Against slopes [V, 3] by turns in the cameras' own axes, at a rate divided by `slower`; one that is not
+        finite counts as 0."""
         self.count += 1
-        slopes = np.where(np.isfinite(slopes), slopes, 0.0)
-        self.mean += (1 - MEAN) * (slopes - self.mean)
-        self.square += (1 - SQUARE) * (slopes**2 - self.square)
-        size = np.sqrt(self.square / (1 - SQUARE**self.count))
-        rate = RATE / self.given.intrinsics[:, :1, 0] / slower / (1 - MEAN**self.count)
-        self.turns = self.turns - np.where(size > 0, rate * self.mean / np.where(size > 0, size, 1.0), 0.0)
-        self.average += NEWEST * (self.turns - self.average)
-        self.rig = turned(self.given, self.turns)
+        rate, unbiased = np.float32(RATE / slower / (1 - MEAN**self.count)), np.float32(1 / (1 - SQUARE**self.count))
+        by_pixel = np.ascontiguousarray((slopes.T / self.focals).astype(np.float32))
+        move(self.pixels, by_pixel, self.mean, self.square, rate, unbiased)
+        self.average += np.float32(NEWEST) * (self.pixels - self.average)
+        self.rig = turned(self.given, self._turns(self.pixels))
+
+    @property
+    def reached(self) -> np.ndarray:
+        """[V, 3] rad: the mean over the last pictures. Over as many steps, as for Gaussians, it would lag: two people
+        like captures, off by 0.3 px, gain 0.07 and 0.09 dB at left-out views by these steps, and 0.01 and 0.00 so."""
+        return self._turns(self.average)
+
+    def _turns(self, pixels: np.ndarray) -> np.ndarray:
+        return (pixels.astype(np.float64) / self.focals).T
 
 
 class TurningWalk(HostWalk):
@@ -61,7 +70,7 @@ class TurningWalk(HostWalk):
         )
         by_mean = gaussians.mean.grad
         if by_mean is not None:
-            self.cameras.step(self._by_turns(view, gaussians.mean.detach().numpy(), by_mean.numpy()), slower)
+            self.cameras.turn(self._by_turns(view, gaussians.mean.detach().numpy(), by_mean.numpy()), slower)
         self.adam.step(self.gaussians.slopes(gaussians), slower)
 
     def _by_turns(self, view: int, means: np.ndarray, by_mean: np.ndarray) -> np.ndarray:
@@ -86,14 +95,13 @@ def turns_with_gaussians(
 ) -> np.ndarray:
     """[V, 3] rad by which cameras, turned together with the Gaussians of some frames (each with pictures and their
     order), explain the pictures best, but for what follows a subject that is shifted, which pictures hardly tell; 0 of
-    cameras without Gaussians."""
-    cameras = TurnedCameras(rig)
+    cameras without Gaussians, and without any frame."""
+    cameras, out = TurnedCameras(rig), np.zeros((len(rig), 3))
     walks = [TurningWalk(*frame, cameras) for frame in frames]
     for _ in range(STEPS):
         for walk in walks:
             walk.step()
-    views = sorted({v for gaussians, _, _ in frames for v in gaussians})
-    together, turns = following(rig.subset(views)), cameras.average[views].ravel()
-    out = np.zeros_like(cameras.average)
-    out[views] = (turns - together @ (together.T @ turns)).reshape(-1, 3)
+    if views := sorted({v for gaussians, _, _ in frames for v in gaussians}):
+        together, turns = following(rig.subset(views)), cameras.reached[views].ravel()
+        out[views] = (turns - together @ (together.T @ turns)).reshape(-1, 3)
     return out

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import pytest
 
 from posegaussian.dags.config.settings import RunSettings
@@ -22,8 +24,9 @@ def machine(monkeypatch: pytest.MonkeyPatch, cores: int, devices: list[str], mem
         (16, ["0"], 80_000, ["0"] * 4),
         (64, ["0"], 80_000, ["0"] * 4),
         (8, ["0"], 80_000, ["0"] * 2),
+        (16, ["0"], 24_000, ["0"] * 2),
         (2, ["0"], 80_000, ["0"]),
-        (16, ["0"], 8_192, ["0"] * 2),
+        (16, ["0"], 16_384, ["0"] * 2),
         (16, ["0"], 6_000, ["0"]),
         (16, ["0"], None, ["0"]),
         (16, ["2", "3"], 80_000, ["2", "3", "2", "3"]),
@@ -35,7 +38,7 @@ def test_as_many_share_a_device_as_cores_and_its_memory_allow(
 ) -> None:
     """All of the devices are seen, and a core each goes from the CPU workers to who shares one."""
     machine(monkeypatch, cores, devices, memory)
-    assert list(gpu_workers("auto").values()) == seen
+    assert list(gpu_workers(RunSettings()).values()) == seen
     assert cpu_workers(RunSettings()) == cores - (len(seen) - len(devices))
     pools = local_pools(RunSettings())
     assert (pools[GPU].workers if seen else 0) == len(seen)
@@ -44,13 +47,46 @@ def test_as_many_share_a_device_as_cores_and_its_memory_allow(
 
 def test_so_many_as_are_asked_for_share_devices_or_stand_in_for_one(monkeypatch: pytest.MonkeyPatch) -> None:
     machine(monkeypatch, 4, ["0", "1"], 1_000)
-    assert gpu_workers(3) == {"gpu-0": "0", "gpu-1": "1", "gpu-2": "0"}
-    assert gpu_workers(0) == {}
+    assert gpu_workers(RunSettings(gpus=3)) == {"gpu-0": "0", "gpu-1": "1", "gpu-2": "0"}
+    assert gpu_workers(RunSettings(gpus=0)) == {}
     machine(monkeypatch, 4, [], None)
-    assert gpu_workers(2) == {"gpu-0": "", "gpu-1": ""}
-    assert local_pools(RunSettings(gpus=2))[CPU].workers == 2
+    assert gpu_workers(RunSettings(gpus=2)) == {"gpu-0": "", "gpu-1": ""}
+    assert local_pools(RunSettings(gpus=2))[CPU].workers == 4
 
 
 def test_cores_are_never_all_given_away(monkeypatch: pytest.MonkeyPatch) -> None:
     machine(monkeypatch, 2, ["0"], 80_000)
     assert cpu_workers(RunSettings(gpus=8)) == 1
+
+
+@pytest.mark.parametrize(("threads", "sharing"), [(2, 2), (4, 1), (16, 1)])
+def test_tasks_of_several_threads_leave_fewer_to_share_a_device(
+    threads: int, sharing: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    machine(monkeypatch, 16, ["0"], 80_000)
+    run = RunSettings(threads=threads)
+    assert len(gpu_workers(run)) == sharing
+    assert cpu_workers(run) == 16 // threads - (sharing - 1)
+
+
+@pytest.mark.parametrize(("told", "memory"), [("81559\n", 81559), ("[N/A]\n", None), ("", None), (None, None)])
+def test_memory_is_what_the_driver_tells(told: str | None, memory: int | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(resources, "_nvidia_smi", lambda *words: told)
+    assert resources.device_memory("0") == memory
+
+
+def test_the_driver_is_asked_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However many plans there are: each asks for a process."""
+    asked = []
+
+    def run(words: list[str], **how: object) -> SimpleNamespace:
+        asked.append(words)
+        return SimpleNamespace(stdout="0\n1\n", returncode=0)
+
+    monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
+    monkeypatch.setattr(resources.shutil, "which", lambda name: name)
+    monkeypatch.setattr(resources.subprocess, "run", run)
+    resources._nvidia_smi.cache_clear()
+    assert [resources.visible_gpus() for _ in range(3)] == [["0", "1"]] * 3
+    assert len(asked) == 1
+    resources._nvidia_smi.cache_clear()

@@ -1,5 +1,8 @@
 """The kernel: what is learnt, what is passed on, and that neither partitions nor threads change a bit."""
 
+import sys
+import types
+
 import numpy as np
 import pytest
 import torch
@@ -8,6 +11,7 @@ from hypothesis import strategies as st
 
 from posegaussian.stages.contract.io import Block
 from posegaussian.stages.gaussians.params import GaussiansParams
+from posegaussian.stages.refinement import rehearsal
 from posegaussian.stages.refinement.params import RefinementParams, pixels_a_gaussian
 from posegaussian.stages.refinement.rehearsal import JUDGED_EVERY, WINDOW, _worth_more
 from posegaussian.stages.refinement.run import check
@@ -249,3 +253,16 @@ def test_warnings_and_values_that_are_not_finite() -> None:
     assert said == "7 gradients were not finite and were set to 0"
     with pytest.raises(ValueError, match=r"refinement/depth of view 2: 1 values are not finite"):
         check(Block("refinement/depth", np.array([[[np.nan, 1.0]]], np.float32), 2), params)
+
+
+def test_steps_are_taken_on_a_workers_device_where_it_has_triton(monkeypatch: pytest.MonkeyPatch) -> None:
+    there: list[torch.device] = []
+    module = types.ModuleType("on_device")
+    module.DeviceWalk = lambda *given: there.append(given[-1])  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "posegaussian.stages.refinement.steps.on_device", module)
+    monkeypatch.setattr(rehearsal, "HostWalk", lambda *given: there.append(torch.device("cpu")))
+    for device, lacking in (("cuda", None), ("cuda", "Triton is not installed"), ("cpu", None)):
+        monkeypatch.setattr(rehearsal, "device", lambda d=device: torch.device(d))
+        monkeypatch.setattr(rehearsal, "lacks", lambda where, said=lacking: said)
+        rehearsal.begin({}, {}, ())
+    assert [d.type for d in there] == ["cuda", "cpu", "cpu"]

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.imaging.small_turns import following, turned
+from posegaussian.stages.judge import turning
+from posegaussian.stages.refinement.frame import FrameGaussians
+from posegaussian.stages.refinement.schedule import Schedule
+from posegaussian.stages.refinement.steps.optimise import NEWEST
 from posegaussian.stages.refinement.steps.turning import RATE, TurnedCameras, TurningWalk, turns_with_gaussians
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
 from tests.stages.refinement.walks import begun
@@ -101,8 +108,54 @@ def test_a_first_step_is_the_rate_against_the_slope_and_what_is_no_number_turns_
     cameras, rate = TurnedCameras(person.rig), RATE / person.rig.intrinsics[0, 0, 0]
     slopes = np.zeros((len(person.rig), 3))
     slopes[1, 0], slopes[2, 1], slopes[3, 2] = 5.0, np.nan, -0.1
-    cameras.step(slopes, slower=2.0)
+    cameras.turn(slopes, slower=2.0)
     wanted = np.zeros_like(slopes)
     wanted[1, 0], wanted[3, 2] = -rate / 2, rate / 2
-    np.testing.assert_allclose(cameras.turns, wanted, rtol=1e-9)
-    np.testing.assert_array_equal(cameras.rig.world_to_camera, turned(person.rig, wanted).world_to_camera)
+    np.testing.assert_allclose(cameras.reached, NEWEST * wanted, rtol=1e-5)  # float32
+    np.testing.assert_allclose(cameras.rig.world_to_camera, turned(person.rig, wanted).world_to_camera, atol=1e-8)
+
+
+def test_a_step_moves_gaussians_and_cameras_and_takes_the_gaussians_along(person: PersonCapture) -> None:
+    cameras = TurnedCameras(person.rig)
+    walk = TurningWalk(*begun(person), cameras)
+    rigs = [cameras.rig.world_to_camera]
+    for _ in range(3):
+        walk.step()
+        rigs.append(cameras.rig.world_to_camera)
+    assert all(a.any() for name, a in walk.gaussians.offsets.items() if name in ("color", "depth", "scale"))
+    assert not any(np.array_equal(a, b) for a, b in pairwise(rigs))
+    # as they were when the last picture was drawn, before it moved the cameras
+    poses = walk.gaussians.rays.poses
+    assert not np.array_equal(poses, np.asarray(person.rig.world_to_camera[:, :3], np.float32))
+    assert np.abs(poses - cameras.rig.world_to_camera[:, :3]).max() < 10 * RATE / person.rig.intrinsics[0, 0, 0]
+
+
+def test_every_frame_turns_the_cameras_that_it_has_gaussians_of(person: PersonCapture) -> None:
+    given = written(person, pixels(person, 1))
+    gaussians, filmed, order = begun(given)
+    first, second = (
+        ({v: g for v, g in gaussians.items() if v in views}, filmed, tuple(v for v in order if v in views))
+        for views in ((0, 1, 2, 3), (2, 3, 4, 5))
+    )
+    alone, both = turns_with_gaussians(given.rig, [first]), turns_with_gaussians(given.rig, [first, second])
+    assert not alone[4:].any()
+    assert both[4:].any(axis=1).all()
+
+
+def test_without_a_frame_nobody_turns(person: PersonCapture) -> None:
+    assert not turns_with_gaussians(person.rig, []).any()
+
+
+def test_the_judges_frames_turn_cameras_towards_where_they_stand_and_unusable_ones_are_left_out(
+    person: PersonCapture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    off = pixels(person, 1)
+    given = written(person, off)
+    gaussians, filmed, order = begun(given)
+    plan = Schedule(order[0], (), order[1:])
+    frames = [FrameGaussians(gaussians, filmed, plan), FrameGaussians({0: gaussians[0]}, {}, None)]
+    reader = SimpleNamespace(frame=lambda f: frames[f])
+    monkeypatch.setattr(turning, "FrameReader", lambda made, params: reader)
+    made: Any = SimpleNamespace(rig=given.rig, partition=range(2))
+    left = (off + turning.turns_together(made)) * person.rig.intrinsics[:, :1, 0]
+    assert np.sqrt((left[:, :2] ** 2).mean()) < 0.5

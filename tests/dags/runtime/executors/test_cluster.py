@@ -74,7 +74,10 @@ def test_every_worker_limits_the_threads_of_every_library() -> None:
 def test_without_a_gpu_rendering_falls_to_the_cpu_workers_with_a_sentence() -> None:
     backend = DaskBackend(RunSettings(workers=1, window=3, gpus=0))
     try:
-        assert any("no worker has a GPU: rendering runs on the CPU workers" in s for s in backend.sentences)
+        assert any(
+            "no worker has a GPU: network, refinement and rendering run on the CPU workers" in s
+            for s in backend.sentences
+        )
         assert backend.pool(1) == backend.pool(0) == CPU
         assert backend.free(CPU) == 3
     finally:
