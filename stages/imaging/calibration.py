@@ -28,11 +28,11 @@ NEAR = 0.15
 not tell whether cameras are off; pictures do, which cameras that are off by 0.1 px cost 0.6 to 0.8 dB."""
 SMALLEST = 256
 """Px of the longer side of pictures that can tell so little; in those of 48 px right cameras would be turned."""
-ALONE_GAIN = 0.15
-"""dB by which turns that pictures alone tell must better those of left-out views. Of three tuning people whose cameras
-are off by 0.1 px they do by 0.24 to 0.6, and held-out pictures gain 0.3 to 0.5; of a fourth, of six cameras, by 0.07,
-and held-out ones lose 0.17. Of right cameras they lose up to 0.10 or gain up to 0.09, where held-out pictures lose up
-to 0.29 or gain up to 0.08; of `bust`, whose masks are off, they gain 0.09, and held-out photographs lose 0.25."""
+ALONE_GAIN = 0.1
+"""dB by which turns that pictures alone tell must better those of left-out views. Of people whose cameras are off by
+0.1 px they do by 0.12 to 0.6, and held-out pictures gain 0.2 to 0.7, but for one of 38 dB, which loses 0.3; of one
+filmed by six cameras by 0.07, and held-out ones lose 0.2. Of right cameras they lose up to 0.10 or gain up to 0.09,
+where held-out pictures lose up to 0.29 or gain up to 0.08."""
 WORDS = {"outlines": "outermost points of outlines", "features": "matched features"}
 
 
