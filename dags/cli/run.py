@@ -67,7 +67,8 @@ def plan(
         from posegaussian.dags.diagnostics.plan_graph import ENDINGS
 
         output_file("plan --picture", picture, ENDINGS)
-    plans, failed = session.usable(session.names(sequence or ()), tuple(path or ()), selected(only, start, force))
+    selection = selected(only, start, force)
+    plans, failed = session.usable(session.names(sequence or ()), tuple(path or ()), selection)
     if picture:
         from posegaussian.dags.diagnostics.plan_graph import write_picture
 
@@ -93,7 +94,7 @@ def plan(
     if failed:
         raise typer.Exit(2)
     if all(p.all_fresh for p in plans):
-        say(results_and_next(plans, session.options))
+        say(results_and_next(plans, session.options, selection))
     else:
         chosen = {"--sequence": sequence, "--only": only, "--from": [start] if start else None, "--force": force}
         words = [w for option, given in {**chosen, "--path": path}.items() for v in given or () for w in (option, v)]

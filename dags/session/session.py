@@ -307,7 +307,7 @@ class Session:
             keeper = Keeper(plans)
             keeper.sweep()
             self.say(keeper.sentences)
-            self.hint(results_and_next(plans, self.options) if say_next else ())
+            self.hint(results_and_next(plans, self.options, selection) if say_next else ())
             return 1 if refused else 0
         self.say(self.thrown_away(plans), "yellow")
         outcome = self.run(plans, selection, refused)
@@ -331,7 +331,7 @@ class Session:
         if closing is not None:
             closing(ended.seconds)
         if say_next and not ended.failed and not ended.blocked:
-            self.hint(results_and_next(plans, self.options))
+            self.hint(results_and_next(plans, self.options, selection))
         return 1 if ended.failed or ended.blocked or outcome.refused or outcome.unwritten else 0
 
     def _report_failures(self, outcome: RunOutcome, selection: Selection, cameras: dict[str, tuple[str, ...]]) -> None:

@@ -54,6 +54,20 @@ def test_the_end_says_where_results_are_and_what_to_type(asked: Pipeline) -> Non
     assert command in run(asked, STILL)[0], "also where there was nothing to do"
 
 
+def test_pictures_that_only_left_out_are_not_spoken_of(asked: Pipeline) -> None:
+    out = io.StringIO()
+    session = Session(asked.configuration, str(asked.root), Console(file=out, width=200))
+    selection = Selection(only=frozenset({"smoothing"}))
+    plan = session.plan(NAME, selection, (STILL,))
+    assert session.run_and_report([plan], selection, say_next=True) == 0
+    assert "left out by --only" in out.getvalue()
+    assert "pictures of" not in out.getvalue()
+    run(asked, STILL)
+    again = session.plan(NAME, selection, (STILL,))
+    session.run_and_report([again], selection, say_next=True)
+    assert "pictures of 'still cam00' in " in out.getvalue(), "they are there now"
+
+
 def test_quiet_says_the_result_alone(asked: Pipeline) -> None:
     said, _ = run(asked, STILL, voice=Voice.QUIET)
     assert said.splitlines()[-1].endswith(" s")
