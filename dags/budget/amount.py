@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 
 from posegaussian.dags.budget.points import PRESETS
-from posegaussian.dags.humanize.text import seconds_text
 from posegaussian.storage.model.errors import ConfigError
 
 UNITS = {"ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
@@ -23,6 +23,8 @@ class Amount:
     """Above 0."""
     a_frame: bool
     """Whether each frame may take so long, or all of the run together."""
+    text: str
+    """As it was written."""
 
     @classmethod
     def of(cls, text: str) -> Amount:
@@ -36,11 +38,15 @@ class Amount:
         seconds = float(found[1]) * UNITS[found[2]]
         if not 0 < seconds <= LONGEST:
             raise ConfigError(f"--budget {text}: must be above 0 and at most {LONGEST / 3600:g}h")
-        return cls(seconds, found[3] is not None)
+        return cls(seconds, found[3] is not None, text.strip())
 
     def over(self, frames: int) -> float:
         """Seconds of a run of so many frames."""
         return self.seconds * frames if self.a_frame else self.seconds
 
     def __str__(self) -> str:
-        return f"{seconds_text(self.seconds)} a frame" if self.a_frame else seconds_text(self.seconds)
+        return self.text
+
+    def enough(self, seconds: float, frames: int) -> str:
+        """An amount, written alike, that a run of so many seconds and frames fits: a twentieth more, for two digits."""
+        return f"{1.05 * seconds / frames:.2g}s/frame" if self.a_frame else f"{math.ceil(1.05 * seconds)}s"

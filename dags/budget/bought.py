@@ -11,6 +11,7 @@ from typing import Any
 from posegaussian.dags.budget.amount import Amount
 from posegaussian.dags.budget.choice import Choice, affordable, good_enough, preset_values
 from posegaussian.dags.budget.decibels import Decibels
+from posegaussian.dags.budget.expected import given
 from posegaussian.dags.budget.front_table import front_points
 from posegaussian.dags.budget.points import POINTS, PRESETS, Point, preset
 from posegaussian.dags.planning.selection import Selection
@@ -68,8 +69,11 @@ def _preset(session: Session, names: Sequence[str], name: str, front: Path | Non
     """Settings by name."""
     if front is not None:
         raise ConfigError(f"--budget {name} --front {front}: a front is for an amount of time, such as 3s/frame")
-    session.say([f"budget {name}: {preset(name).told}"])
-    return _told(session, preset_values(session, names, name), None)
+    values = preset_values(session, names, name)
+    kept = sorted(preset(name).knobs - values.keys() & given(session.configuration))
+    own = f"; {', '.join(kept)} as you set it" if kept else ""
+    session.say([f"budget {name}: {preset(name).told}{own}"])
+    return _told(session, values, None)
 
 
 def _points(front: Path | None) -> Sequence[Point]:

@@ -23,7 +23,7 @@ class Choice:
     """What was chosen, and what was not."""
 
     asked: str
-    """`budget 3.0 s a frame`, `quality 28dB`."""
+    """`budget 3s/frame`, `quality 28dB`."""
     chosen: Expected
     cheaper: Expected | None
     better: Expected | None
@@ -78,10 +78,11 @@ def affordable(
         raise ConfigError(f"--budget {amount}: none of the settings can be run on this capture, see above")
     if not fitting:
         assert better is not None
-        enough = 1.05 * better.seconds / frames  # two digits of it are no less than what it takes
+        measuring = 0 if amount.a_frame else time.monotonic() - begun
         raise ConfigError(
             f"--budget {amount}: the cheapest settings already take {better.told(frames)}; give at least"
-            f" {enough:.2g}s/frame, fewer frames by frames.range, or fewer views by views.sources"
+            f" {amount.enough(better.seconds + measuring, frames)}, fewer frames by frames.range, or fewer views by"
+            " views.sources"
         )
     return Choice(f"budget {amount}", fitting[-1], fitting[-2] if len(fitting) > 1 else None, better, frames)
 

@@ -28,7 +28,8 @@ from posegaussian.dags.cli.options import (
     voice,
 )
 from posegaussian.dags.diagnostics import held_out, tables
-from posegaussian.dags.diagnostics.run_summary import results_and_next
+from posegaussian.dags.diagnostics.other_settings import made_otherwise
+from posegaussian.dags.diagnostics.run_summary import MOST, results_and_next
 from posegaussian.dags.export.output_paths import output_file
 from posegaussian.dags.humanize.text import next_command
 from posegaussian.dags.planning.selection import Selection
@@ -80,6 +81,7 @@ def plan(
         raise typer.Exit(2 if failed or session.refusals(plans) else 0)
     say(held_out.told(p.context for p in plans))
     for p in plans:
+        say(made_otherwise(session.archive, p))
         console.print(tables.plan_table(p))
         console.print(effects_table(p, session.history.rows))
         say(effects_reasons(p, every=verbose))
@@ -202,6 +204,9 @@ def status(
     )
     say(Spending.of(session.archive, names).sentences())
     say(failed, "red")
+    undone = [name for name, row in standings.items() if not any(stage.get("done") for stage in row.values())]
+    for name in undone[:MOST]:  # each takes a plan, which a status does without
+        say(made_otherwise(session.archive, session.plan(name, Selection())))
     say([after_status(session, standings.values())])
     raise typer.Exit(2 if failed else 0)
 

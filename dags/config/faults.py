@@ -33,7 +33,9 @@ def unknown_key(name: str, known: Iterable[str], elsewhere: Sequence[str] = (), 
     `elsewhere`."""
     known = list(known)
     close = elsewhere or difflib.get_close_matches(name, known, n=1)
-    return f'{thing}; did you mean "{close[0]}"?' if close else f"{thing}; known are {', '.join(known)}"
+    if close:
+        return f'{thing}; did you mean "{close[0]}"?'
+    return f"{thing}; known are {', '.join(known)}" if known else thing
 
 
 def present(node: Any, location: Location) -> bool:

@@ -210,6 +210,15 @@ class Configuration:
             values = merge(values, self.overrides[g])
         return Settings.model_validate({k: v for k, v in values.items() if k != "sequences"})
 
+    def idle(self, names: Sequence[str]) -> list[str]:
+        """Sentences about overrides whose glob matches none of an archive's sequences: a misspelt name is no error,
+        for one file may serve several archives."""
+        return [
+            unknown_key(g, names, thing=f"the settings under sequences.{g} are for no sequence of this archive")
+            for g in self.overrides
+            if not any(fnmatch.fnmatchcase(n, g) for n in names)
+        ]
+
     def as_yaml(self, paths: Sequence[str] = ()) -> str:
         """The effective settings, kept in the archive by every run;
         `paths` that it was asked for take the place of all others."""

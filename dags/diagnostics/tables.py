@@ -67,7 +67,7 @@ def plan_table(plan: Plan) -> Table:
 def _counted(reasons: Counter[str]) -> list[str]:
     shown = [f"{r} ({n}x)" if n > 1 else r for r, n in reasons.most_common(MOST_REASONS)]
     rest = len(reasons) - len(shown)
-    return [*shown, f"and {rest} more reasons"] if rest else shown
+    return [*shown, f"and {number(rest, 'more reason')}"] if rest else shown
 
 
 def projection_table(projections: Sequence[Projection]) -> Table:

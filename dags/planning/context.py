@@ -29,7 +29,7 @@ from posegaussian.stages.registry import ASSETS, PATHS, STAGES, TRUST
 from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.archive.store import SequenceGroup
 from posegaussian.storage.files.names import check_camera_names
-from posegaussian.storage.model.cameras import CameraPath, Rig
+from posegaussian.storage.model.cameras import CameraPath, Rig, must_be_cameras
 from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.crop import captured_to_calibrated, unexplained_sizes
 from posegaussian.storage.model.errors import ConfigError
@@ -92,11 +92,8 @@ class Context:
         """Roles of the cameras as they are set, before any of them is disbelieved. Raises ConfigError for names that
         the capture does not have or that play both roles."""
         names, roles = self.capture.rig.names, self._roles
-        for name in self.settings.views.trust if isinstance(self.settings.views.trust, list) else []:
-            if name not in names:
-                raise ConfigError(
-                    f"views.trust: sequence {self.sequence.name} has no camera {name!r}; it has {', '.join(names)}"
-                )
+        trusted = self.settings.views.trust if isinstance(self.settings.views.trust, list) else []
+        must_be_cameras("views.trust", trusted, names, self.sequence.name)
         return Views(
             names,
             tuple(i for i, n in enumerate(names) if n in roles.sources),
@@ -403,8 +400,9 @@ class Context:
 def make_context(sequence: SequenceGroup, settings: Any, paths: tuple[str, ...] = ()) -> Context:
     """The context of a sequence; `paths` are rendered instead of the settings' ones.
 
-    Raises ConfigError when a stage refuses its settings for this capture.
+    Raises ConfigError when a stage refuses its settings for this capture, and for boxes of cameras that it lacks.
     """
+    must_be_cameras("detection.box", settings.detection.box, sequence.capture.rig.names, sequence.name)
     context = Context(sequence, settings, paths or tuple(settings.rendering.paths or ()), asked_for=bool(paths))
     if not paths and settings.rendering.paths is None:
         context = replace(context, path_texts=(PATHS.default(context.calibrated_rig, context.views, settings),))

@@ -145,10 +145,15 @@ def _refusals(stage: Stage, context: Context, path: str | None, pools: Mapping[s
             " CPU workers"
         )
     if pool.ram is not None and needs.ram > pool.ram:
+        stands_in = name == GPU and not visible_gpus()
+        fewer = (
+            "leave run.gpus at auto, for no GPU is seen here"
+            if stands_in
+            else f"use fewer run.workers (now {pool.workers})"
+        )
         said.append(
             f"{who} needs about {_megabytes(needs.ram)} for one task, a {name} worker may use {_megabytes(pool.ram)};"
-            f" use fewer run.workers (now {pool.workers}), raise run.memory,"
-            f" {_shorter(stage, context, path, pool.ram)}or choose a smaller frames.size"
+            f" {fewer}, raise run.memory, {_shorter(stage, context, path, pool.ram)}or choose a smaller frames.size"
         )
     return said
 

@@ -267,6 +267,7 @@ class Session:
         self, names: Sequence[str], paths: tuple[str, ...], selection: Selection
     ) -> tuple[list[Plan], list[str]]:
         """Plans of the sequences that can be planned, and a sentence for each that cannot; raises when none can."""
+        self.say(self.configuration.idle(self.archive.names()), "yellow")
         plans, errors = [], []
         for name in names:
             try:

@@ -7,6 +7,7 @@ process, level by level in turn, and the median counts; shared stages are timed 
 
 from __future__ import annotations
 
+import difflib
 import itertools
 import platform
 import statistics
@@ -45,6 +46,10 @@ MEASURES = "metrics"
 """The stage that measures and makes nothing: its seconds are no cost of the pictures."""
 
 
+MISSPELT = 0.85
+"""How alike a name must be to a knob's to be taken for it: settings of one stage share half of their letters."""
+
+
 def declared_knobs() -> dict[str, list[Any]]:
     """{`stage.key`: levels, cheap to dear} of every setting that declares quality levels,
     and {`effects.NAME`: off, on}."""
@@ -64,10 +69,15 @@ def chosen_levels(context: Context, names: Sequence[str], texts: Sequence[str]) 
     same pictures count once. Raises ConfigError for unknown knobs and levels of knobs that were not asked for.
     """
     declared = declared_knobs()
-    listed = "; ".join(f"{k} {v}" for k, v in declared.items())
     for name in names:
+        knob, _, levels = name.partition("=")
+        if levels and knob in declared:
+            raise ConfigError(f"--knob {name}: its levels go elsewhere; write --knob {knob} --levels {name}")
         if name not in declared:
-            raise ConfigError(f"--knob {name}: no such setting has quality levels; these have: {listed}")
+            close = difflib.get_close_matches(knob, declared, n=1, cutoff=MISSPELT)
+            listed = "; ".join(f"{k} {v}" for k, v in declared.items())
+            told = f'did you mean "{close[0]}"?' if close else f"these have: {listed}"
+            raise ConfigError(f"--knob {name}: no such setting has quality levels; {told}")
     chosen = {name: list(declared[name]) for name in names}
     for text in texts:
         name, separator, values = text.partition("=")

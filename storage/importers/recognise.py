@@ -21,8 +21,13 @@ def fitting(base: Path) -> list[str]:
 
 
 def recognised(base: Path) -> str:
-    """The one layout of a folder. Raises SourceError, with what each layout lacks, where none fits or several do."""
+    """The one layout of a folder. Raises SourceError, with what each layout lacks, where none fits or several do, and
+    for a folder of captures."""
     found = fitting(folder(base))
+    inside = {p.name: fits for p in sorted(base.iterdir()) if p.is_dir() and (fits := fitting(p))}
+    if len(inside) > 1 and not {n for fits in inside.values() for n in fits} <= {*found}:
+        told = ", ".join(f"{name} ({' or '.join(fits)})" for name, fits in inside.items())
+        raise SourceError(f"{base} holds several captures, {told}; give the folder of one of them")
     if len(found) > 1:
         raise SourceError(f"{base} fits the layouts {' and '.join(found)}; name the one that is meant in place of auto")
     if not found:

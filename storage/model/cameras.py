@@ -7,12 +7,12 @@ that centre at (0, 0) instead.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from posegaussian.storage.model.errors import CalibrationError
+from posegaussian.storage.model.errors import CalibrationError, ConfigError
 from posegaussian.storage.model.plausible import check_camera
 from posegaussian.storage.model.spec import digest
 
@@ -21,6 +21,13 @@ PIXEL_CENTRE = 0.5
 
 INTRINSICS_AXES, POSE_AXES = ("intrinsics_row", "intrinsics_column"), ("pose_row", "pose_column")
 """Names of the matrices' axes in an archive: 3 and 4 long, so they are not called alike."""
+
+
+def must_be_cameras(setting: str, named: Iterable[str], names: Sequence[str], sequence: str) -> None:
+    """Raise ConfigError for the first camera that a setting names and a sequence does not have."""
+    for name in named:
+        if name not in names:
+            raise ConfigError(f"{setting}: sequence {sequence} has no camera {name!r}; it has {', '.join(names)}")
 
 
 def from_integer_centres(intrinsics: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.model.cameras import Rig, must_be_cameras
 from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.errors import ConfigError
 from posegaussian.storage.model.splits import PROTOCOLS, split_named
@@ -43,11 +43,7 @@ def roles_in(
         apart, key = split.held_out, f"sources {sources}"
     apart = apart if held_out is None else tuple(held_out)
     for what, chosen in ((key, named), ("held_out", apart)):
-        for name in chosen:
-            if name not in names:
-                raise ConfigError(
-                    f"views.{what}: sequence {sequence} has no camera {name!r}; it has {', '.join(names)}"
-                )
+        must_be_cameras(f"views.{what}", chosen, names, sequence)
     used = tuple(sources_of(asked, capture.rig, apart))
     if both := sorted({*used} & {*apart}):
         raise ConfigError(f"views: {', '.join(both)} cannot be a source and held out at once")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posegaussian.storage.model.errors import ConfigError
+from posegaussian.storage.model.cameras import must_be_cameras
 
 
 def parse_range(text: str) -> tuple[int | None, int | None, int]:
@@ -45,11 +45,7 @@ def select(numbers: Sequence[int] | np.ndarray, text: str) -> np.ndarray:
 def late_frames(names: Sequence[str], offsets: Mapping[str, float], sequence: str) -> tuple[int, ...]:
     """[V] whole frames by which each camera is late, from `frames.time_offset`; `sequence` is named in the errors.
     Raises ConfigError for cameras that there are none of."""
-    for name in offsets:
-        if name not in names:
-            raise ConfigError(
-                f"frames.time_offset: sequence {sequence} has no camera {name!r}; it has {', '.join(names)}"
-            )
+    must_be_cameras("frames.time_offset", offsets, names, sequence)
     return tuple(round(offsets.get(n, 0.0)) for n in names)
 
 

@@ -58,6 +58,8 @@ class VideoFile:
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         stat = regular(self.path, "video")
+        if not stat.st_size:
+            raise SourceError(f"video {self.path} is empty, 0 bytes; copy or record it again")
         self._index = _scan(str(self.path), stat.st_size, stat.st_mtime_ns)
 
     @property
@@ -103,7 +105,10 @@ class VideoFile:
                     frames = self._from(container, stream, n)
                 at, frame = next((f for f in frames if f[0] >= n), (-1, None))
                 if frame is None or at != n or frame.is_corrupt:
-                    raise SourceError(f"frame {n} of video {self.path} cannot be decoded; the file is damaged there")
+                    raise SourceError(
+                        f"frame {n} of video {self.path} cannot be decoded; the file is damaged there: leave that"
+                        " frame out by frames.range, or its camera by views.sources"
+                    )
                 yield _to_rgb(frame, self._index.quarter_turns, self.path)
 
     def _key_between(self, at: int, wanted: int) -> bool:

@@ -26,7 +26,7 @@ from typing import Any, NoReturn
 
 from posegaussian.dags.config.settings import RunSettings
 from posegaussian.dags.humanize.text import number
-from posegaussian.dags.planning.resources import CPU, GPU, Pool, pool_for
+from posegaussian.dags.planning.resources import CPU, GPU, Pool, pool_for, visible_gpus
 from posegaussian.dags.planning.tasks import Task
 from posegaussian.dags.provenance import builds
 from posegaussian.dags.runtime.executors.dask_worker import Introduction, execute_packed, introduce
@@ -204,8 +204,9 @@ class DaskBackend:
 
     def _sentence(self) -> str:
         cpu, gpu = self._workers.pools.get(CPU), self._workers.pools.get(GPU)
+        seen = "" if self._cluster is None or visible_gpus() else ", on the CPU: no GPU is seen here"
         placed = (
-            f"GPU work is pinned to {number(gpu.workers, 'GPU worker')}"
+            f"GPU work is pinned to {number(gpu.workers, 'GPU worker')}{seen}"
             if gpu
             else "no worker has a GPU: network, refinement and rendering run on the CPU workers"
         )

@@ -46,7 +46,9 @@ def session_of(pipeline: Pipeline, *assignments: str) -> Session:
 @pytest.mark.parametrize("a_frame", [True, False])
 def test_amounts_are_read_in_every_unit(unit: str, a_frame: bool) -> None:
     amount = Amount.of(f" 1.5 {unit}{' / frame' if a_frame else ''}")
-    assert amount == Amount(1.5 * UNITS[unit], a_frame)
+    assert (amount.seconds, amount.a_frame) == (1.5 * UNITS[unit], a_frame)
+    assert str(amount) == f"1.5 {unit}{' / frame' if a_frame else ''}", "as it was written"
+    assert Amount.of(amount.enough(7.3, 10)).over(10) >= 7.3, "what is advised is enough"
     assert amount.over(10) == pytest.approx(amount.seconds * (10 if a_frame else 1))
 
 
@@ -108,9 +110,9 @@ def test_more_time_never_buys_less(filmed: Pipeline, took: list[float], budgets:
             patch.setattr(expected, "seconds", lambda *_, costs=costs: next(costs) * frames)
             if not fits:
                 with pytest.raises(ConfigError, match="the cheapest settings already take"):
-                    affordable(session_of(filmed), [NAME], (), Amount(seconds, True), Selection())
+                    affordable(session_of(filmed), [NAME], (), Amount(seconds, True, ""), Selection())
                 continue
-            made = affordable(session_of(filmed), [NAME], (), Amount(seconds, True), Selection())
+            made = affordable(session_of(filmed), [NAME], (), Amount(seconds, True, ""), Selection())
         assert made.chosen.point == POINTS[fits[-1]]
         assert made.cheaper is None if len(fits) == 1 else made.cheaper.point == POINTS[fits[-2]]
         assert made.better is None if len(fits) == len(POINTS) else made.better.point == POINTS[fits[-1] + 1]
@@ -149,6 +151,7 @@ def test_a_budget_that_nothing_fits_says_what_would_and_leaves_nothing(filmed: P
     done = CliRunner().invoke(app, ["run", "--archive", str(filmed.root), "--budget", "1ms/frame", *words])
     assert isinstance(done.exception, ConfigError)
     assert "the cheapest settings already take preview" in str(done.exception)
+    assert "--budget 1ms/frame: " in str(done.exception)
     assert "give at least" in str(done.exception)
     after = sorted(p.relative_to(filmed.root) for p in filmed.root.rglob("*"))
     assert [p for p in after if p not in before] in ([], [Path("_variants")])

@@ -118,4 +118,4 @@ def test_nothing_that_fits_names_what_the_cheapest_takes(
     monkeypatch.setattr(Probe, "rates", lambda probe, values: {})
     monkeypatch.setattr(expected, "seconds", lambda *_: 1e3)
     with pytest.raises(ConfigError, match=r"the cheapest settings already take line 3 of tradeoff.* 22\.00 dB on held"):
-        affordable(session_of(finished), [NAME], (), Amount(1.0, True), Selection(), front_points(table))
+        affordable(session_of(finished), [NAME], (), Amount.of("1s/frame"), Selection(), front_points(table))

@@ -261,6 +261,13 @@ def test_overrides_apply_by_glob_in_the_order_of_the_file(tmp_path: Path) -> Non
     assert c.default.smoothing.omega == 0.9
 
 
+def test_overrides_that_no_sequence_has_are_told_with_the_nearest_name(tmp_path: Path) -> None:
+    c = load(tmp_path, OVERRIDES)
+    assert c.idle(["walk", "kick", "jump", "kick_fast"]) == []
+    (line,) = c.idle(["kick", "kick_fast", "jumps"])
+    assert line == 'the settings under sequences.jump are for no sequence of this archive; did you mean "jumps"?'
+
+
 def test_set_lies_below_the_overrides_of_a_sequence(tmp_path: Path) -> None:
     c = load(tmp_path, OVERRIDES, "smoothing.omega=0.1")
     assert c.for_sequence("walk").smoothing.omega == 0.1

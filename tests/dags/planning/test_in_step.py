@@ -70,6 +70,8 @@ def test_less_than_half_a_frame_changes_nothing(late: Pipeline) -> None:
 def test_an_unknown_camera_is_refused(late: Pipeline) -> None:
     with pytest.raises(ConfigError, match=r"frames\.time_offset: sequence person has no camera 'cam9'"):
         late.with_settings("frames.time_offset={cam9: 1}").context()
+    with pytest.raises(ConfigError, match=r"detection\.box: sequence person has no camera 'cam9'; it has "):
+        late.with_settings("detection.box={cam9: [0, 0, 10, 10]}").context()
 
 
 def test_a_file_that_holds_all_frames_is_read_further(tmp_path: Path) -> None:

@@ -198,6 +198,8 @@ def test_without_held_out_cameras_it_is_refused_in_a_sentence(finished: Pipeline
             [],
             r"no such setting has quality levels; these have: .*depth\.method \['hull', 'sgbm', 'sweep'\]",
         ),
+        (["depth.metod"], [], r'no such setting has quality levels; did you mean "depth\.method"\?'),
+        (["depth.method=hull,sweep"], [], r"write --knob depth\.method --levels depth\.method=hull,sweep"),
         (
             ["depth.method"],
             ["frames.size=1,2"],

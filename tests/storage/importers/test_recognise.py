@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -116,3 +117,15 @@ def test_no_layout_and_two(images: Path, tmp_path: Path) -> None:
     assert [line.split(" it lacks ")[0] for line in told[1:]] == [f"for the layout {n}" for n in IMPORTERS]
     with pytest.raises(SourceError, match="no such folder"):
         find_capture("auto", tmp_path / "none", {})
+
+
+def test_a_folder_of_captures_names_them(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    folder = tmp_path_factory.mktemp("captures")
+    shutil.copytree(request.getfixturevalue("pose2sim"), folder / "a")
+    shutil.copytree(request.getfixturevalue("images"), folder / "b")  # the same folder, with what was there before
+    with pytest.raises(
+        SourceError, match=r"holds several captures, a \(pose2sim\), b \(.*images.*\); give the folder of"
+    ):
+        find_capture("auto", folder, {})

@@ -114,6 +114,9 @@ def test_other_display_matrices_are_refused(tmp_path):
 def test_unreadable_videos_get_a_sentence(tmp_path):
     with pytest.raises(SourceError, match="No such file"):
         VideoFile(tmp_path / "none.mp4")
+    (tmp_path / "nothing.mp4").touch()
+    with pytest.raises(SourceError, match=r"nothing\.mp4 is empty, 0 bytes"):
+        VideoFile(tmp_path / "nothing.mp4")
     (tmp_path / "text.mp4").write_text("this is no video")
     with pytest.raises(SourceError, match=r"text\.mp4: Invalid data"):
         VideoFile(tmp_path / "text.mp4")
