@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import gc
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -79,7 +79,7 @@ class Plan:
     @cached_property
     def notes(self) -> tuple[str, ...]:
         """What the user should know besides; looked at only where somebody reads it."""
-        return _notes(self.context, self.book)
+        return _notes(self.context, self.book, {t for t, v in self.verdicts.items() if v.state is State.FRESH})
 
     def dropped(self, stage: str) -> int:
         """How many fresh tasks of a stage have outputs that were dropped."""
@@ -309,15 +309,15 @@ def _before_inputs(book: Book, task: Task, selection: Selection, waiting: Iterab
     )
 
 
-def _notes(context: Context, book: Book) -> tuple[str, ...]:
-    """Sequence-wide constants that were taken from other files than the capture has now, cameras of paths that are
-    left out, and what each stage says of these settings."""
+def _notes(context: Context, book: Book, fresh: Collection[Task]) -> tuple[str, ...]:
+    """Sequence-wide constants that stay though they were taken from other files than the capture has now, cameras of
+    paths that are left out, and what each stage says of these settings."""
     found = []
     for s in STAGES:
         if not s.sequence_wide:
             continue
         old = {t: r.facts.get("sources") for t, r in book.receipts.items() if t.stage == s.name}
-        now = {t: pictures_digest(context, t) for t in tasks_of(context, s)}
+        now = {t: pictures_digest(context, t) for t in tasks_of(context, s) if t in fresh}
         changed = [
             "a source view" if t.view is None else context.views.names[t.view]
             for t, d in now.items()

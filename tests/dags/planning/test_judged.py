@@ -64,6 +64,14 @@ def test_other_scores_change_the_method_and_depth_alone_is_made_anew(
     assert {v.task.stage for v in plan.verdicts.values() if v.state is State.STALE} == {"depth"}
 
 
+def test_other_roles_say_of_no_picture_that_it_changed(judged: tuple[Pipeline, list]) -> None:
+    """The judge is made anew for them, and is not kept."""
+    p = Pipeline(judged[0].root, judged[0].folder, AUTO, held_out="[]")
+    plan = p.plan()
+    assert set(plan.counts("judge")) == {State.STALE}
+    assert not [n for n in plan.notes if n.startswith("judge was taken before")]
+
+
 def test_a_method_that_is_set_asks_nobody(judged: tuple[Pipeline, list]) -> None:
     plan = judged[0].with_settings("depth.method=hull").plan()
     assert "judge" in plan.unneeded
