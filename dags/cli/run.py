@@ -86,10 +86,11 @@ def plan(
         console.print(effects_table(p, session.history.rows))
         say(effects_reasons(p, every=verbose))
         say(list(p.notes), "yellow")
-        if p.all_fresh:
-            console.print(f"{p.context.sequence.name}: all fresh, nothing to do", markup=False)
-        else:
+        if p.to_make:
             console.print(tables.projection_table(project(p, session.history)))
+        else:
+            told = "all fresh, nothing to do" if p.all_fresh else "nothing to compute"
+            console.print(f"{p.context.sequence.name}: {told}", markup=False)
     say(session.thrown_away(plans), "yellow")
     failed += session.refusals(plans)
     say(failed, "red")

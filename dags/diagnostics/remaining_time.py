@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 
 from posegaussian.dags.humanize.text import seconds_text
 from posegaussian.dags.planning.forecast import History, Loads
-from posegaussian.dags.planning.plan import Plan, State
+from posegaussian.dags.planning.plan import Plan
 from posegaussian.dags.planning.tasks import Task
 from posegaussian.dags.runtime.events import (
     Event,
@@ -74,13 +74,12 @@ class Remaining:
 
     @classmethod
     def of(cls, plans: Iterable[Plan], history: History, workers: int) -> Remaining:
-        """What some plans are expected to take; tasks that are fresh take nothing."""
+        """What the tasks of some plans that a run may have to compute are expected to take."""
         expected: dict[Task, float] = {}
         guessed = False
         for plan in plans:
-            todo = [t for t, v in plan.verdicts.items() if v.state is not State.FRESH and t.stage not in plan.unneeded]
             loads, rates = Loads(plan.context), {}
-            for task in todo:
+            for task in plan.to_make:
                 if task.stage not in rates:
                     rates[task.stage] = history.rate(
                         stage_named(task.stage), plan.context.params(stage_named(task.stage))
@@ -92,8 +91,8 @@ class Remaining:
 
     @property
     def seconds_before(self) -> float:
-        """Seconds the whole run is expected to take, before it starts."""
-        return sum(self.expected.values()) / self.workers
+        """Seconds the whole run is expected to take, before it starts: no less than its longest task."""
+        return max(sum(self.expected.values()) / self.workers, *self.expected.values(), 0.0)
 
     @property
     def sentence(self) -> str:

@@ -17,7 +17,7 @@ from typing import Any
 
 from posegaussian.dags.humanize.text import gigabytes
 from posegaussian.dags.planning.context import Context
-from posegaussian.dags.planning.plan import READY, Plan
+from posegaussian.dags.planning.plan import Plan
 from posegaussian.dags.planning.resources import cpu_workers
 from posegaussian.dags.planning.retention import droppable
 from posegaussian.dags.planning.set_aside import replaced
@@ -120,11 +120,7 @@ def project(plan: Plan, history: History) -> list[Projection]:
     """One projection for each stage that has something to do."""
     found = []
     for stage in STAGES:
-        todo = [
-            v.task
-            for v in plan.verdicts.values()
-            if v.task.stage == stage.name and v.state not in READY and stage.name not in plan.unneeded
-        ]
+        todo = [t for t in plan.to_make if t.stage == stage.name]
         if todo:
             found.append(_of_stage(plan, stage, todo, history.rate(stage, plan.context.params(stage))))
     return found

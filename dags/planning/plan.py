@@ -81,6 +81,15 @@ class Plan:
         """What the user should know besides; looked at only where somebody reads it."""
         return _notes(self.context, self.book, {t for t, v in self.verdicts.items() if v.state is State.FRESH})
 
+    @property
+    def to_make(self) -> list[Task]:
+        """Tasks that a run may have to compute: neither ready nor of a stage that it may not touch."""
+        return [
+            t
+            for t, v in self.verdicts.items()
+            if v.state not in READY and t.stage not in self.unneeded and self.selection.allows(t.stage)
+        ]
+
     def dropped(self, stage: str) -> int:
         """How many fresh tasks of a stage have outputs that were dropped."""
         return sum(

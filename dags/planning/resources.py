@@ -17,7 +17,7 @@ from typing import Any
 import psutil
 
 from posegaussian.dags.planning.context import Context
-from posegaussian.dags.planning.plan import READY, Plan
+from posegaussian.dags.planning.plan import Plan
 from posegaussian.dags.planning.task_cost import needs_of
 from posegaussian.stages.contract.declaration import Stage
 from posegaussian.stages.registry import STAGES
@@ -122,8 +122,9 @@ def refusals(plans: Iterable[Plan], pools: Mapping[str, Pool]) -> list[str]:
     """Sentences about work that no worker can do, with what to change."""
     found: dict[str, None] = {}
     for plan in plans:
+        todo = {t.stage for t in plan.to_make}
         for stage in STAGES:
-            if any(v.task.stage == stage.name and v.state not in READY for v in plan.verdicts.values()):
+            if stage.name in todo:
                 for path in plan.context.paths if "path" in stage.over else [None]:
                     found |= dict.fromkeys(_refusals(stage, plan.context, path, pools))
     return list(found)

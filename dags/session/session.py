@@ -202,7 +202,7 @@ class Session:
         remaining = Remaining.of(plans, self.history, sum(pool.workers for pool in backend.pools.values()))
         log = RunLog(folder)
         listeners: list[Listener] = [remaining, *self._progress(remaining), collector, spending, log, keeper]
-        self.hint([remaining.sentence])
+        self.hint([remaining.sentence] if remaining.expected else ())
         for sentence in refused:
             name, _, error = sentence.partition(": ")
             for listener in listeners:

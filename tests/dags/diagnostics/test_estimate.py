@@ -7,6 +7,7 @@ import pytest
 from posegaussian.dags.diagnostics import remaining_time
 from posegaussian.dags.diagnostics.remaining_time import TYPICAL, Remaining
 from posegaussian.dags.planning.forecast import History
+from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.tasks import Task
 from posegaussian.dags.runtime.events import Event, RunStarted, TaskDone, TaskFailed, TaskFresh, TaskNeeded
 from posegaussian.stages.registry import STAGES
@@ -44,6 +45,10 @@ def heard(remaining: Remaining, *events: Event) -> Remaining:
 
 def test_before_the_start_the_work_is_shared_by_the_workers() -> None:
     assert Remaining(EXPECTED, workers=2).seconds_before == 22.0
+
+
+def test_no_run_is_shorter_than_its_longest_task() -> None:
+    assert Remaining({TASKS[0]: 10.0}, workers=2).seconds_before == 10.0
 
 
 def test_a_run_whose_tasks_take_what_was_expected_ends_when_it_was_expected(clock: Clock) -> None:
@@ -90,3 +95,12 @@ def test_without_history_it_is_called_a_guess_and_every_stage_has_one(finished: 
     assert "a guess" in Remaining.of([plan], History(), 1).sentence
     known = Remaining.of([plan], finished.session.history, 1)
     assert known.expected.keys() == {t for t, v in plan.verdicts.items() if v.state.value != "fresh"}
+
+
+def test_stages_that_a_run_may_not_touch_take_nothing(finished: Pipeline) -> None:
+    changed = finished.with_settings("pose.sigma=0.05")
+    whole = Remaining.of([changed.plan()], History(), 1)
+    alone = Remaining.of([changed.plan(selection=Selection(only=frozenset({"pose"})))], History(), 1)
+    assert {t.stage for t in alone.expected} == {"pose"} < {t.stage for t in whole.expected}
+    assert alone.expected.items() <= whole.expected.items()
+    assert not Remaining.of([changed.plan(selection=Selection(only=frozenset({"survey"})))], History(), 1).expected

@@ -21,10 +21,13 @@ from posegaussian.dags.planning.tasks import tasks
 from posegaussian.dags.runtime import meters
 from posegaussian.dags.runtime.meters import Peak
 from posegaussian.stages.registry import STAGES
+from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.archive.ledger import rebuild
 from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.model.errors import ConfigError
 from tests.support.pipeline import NAME, Pipeline
+
+POSE = stage_named("pose")
 
 
 @pytest.fixture
@@ -92,6 +95,24 @@ def test_without_history_seconds_are_unknown_and_bytes_an_upper_bound(archive: P
         assert p.disk >= with_history[p.stage].disk or p.stage == "metrics"
     assert seconds_text(None) == "unknown"
     assert projection_table(project(plan, History())).row_count == len(with_history) + 1
+
+
+def test_nothing_is_projected_of_stages_that_a_run_may_not_touch(
+    archive: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = Pipeline(archive.root.with_name("first"), archive.folder)
+    first.register()
+    plan = first.plan(selection=Selection(only=frozenset({"pose"})))
+    (pose,) = project(plan, History())
+    assert pose.stage == "pose"
+    usage = shutil.disk_usage(first.root)
+    monkeypatch.setattr(forecast.shutil, "disk_usage", lambda _: usage._replace(free=pose.disk))
+    assert forecast.refusals([plan], Archive(first.root), History()) == []
+    assert forecast.refusals([first.plan()], Archive(first.root), History())
+    little = first.with_settings(f"run.memory={needs_of(plan.context, POSE).ram / 2**20 + 0.001}")
+    pools = local_pools(little.configuration.default.run)
+    assert refusals([little.plan(selection=plan.selection)], pools) == []
+    assert refusals([little.plan()], pools)
 
 
 def test_seconds_of_other_settings_are_marked_and_work_scales_them(archive: Pipeline) -> None:
