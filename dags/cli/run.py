@@ -83,7 +83,7 @@ def plan(
     for p in plans:
         say(made_otherwise(session.archive, p))
         console.print(tables.plan_table(p))
-        console.print(effects_table(p, session.history.rows))
+        console.print(effects_table(p, session.history.timed))
         say(effects_reasons(p, every=verbose))
         say(list(p.notes), "yellow")
         if p.to_make:

@@ -4,7 +4,7 @@ what was measured, what follows from it and why, and what that saves or costs.""
 from __future__ import annotations
 
 import statistics
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
@@ -20,10 +20,9 @@ from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.model.spec import digest
 
 
-def effects_table(plan: Plan, rows: Iterable[Mapping[str, Any]] = ()) -> Table:
-    """One row an effect, then one a choice (where masks come from), each with its reason below; `rows` of the
-    ledger, for the seconds."""
-    history = [r for r in rows if r.get("work") and r.get("seconds") is not None]
+def effects_table(plan: Plan, timed: Sequence[Mapping[str, Any]] = ()) -> Table:
+    """One row an effect, then one a choice (where masks come from), each with its reason below; `timed`: finished
+    tasks as `History.timed` has them, for the seconds."""
     table = Table(
         title=f"{plan.context.sequence.name}: effects", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0)
     )
@@ -41,7 +40,7 @@ def effects_table(plan: Plan, rows: Iterable[Mapping[str, Any]] = ()) -> Table:
             _measured(v),
             v.effect.quantity(f"{v.effect.threshold:g}"),
             _state(v),
-            _time(v, seconds(plan, v, history)),
+            _time(v, seconds(plan, v, timed)),
         )
     measured, state, _ = _cameras(plan)
     table.add_row("views.trust", measured, f"{TRUST.bound:g} {TRUST.unit}", state, "")
@@ -118,7 +117,7 @@ def _time(v: EffectVerdict, spent: float | None) -> str:
     return f"spends {amount}" if v.decision.on == (spent >= 0) else f"saves {amount}"
 
 
-def seconds(plan: Plan, verdict: EffectVerdict, rows: Iterable[Mapping[str, Any]]) -> float | None:
+def seconds(plan: Plan, verdict: EffectVerdict, timed: Sequence[Mapping[str, Any]]) -> float | None:
     """Seconds that an effect costs while it is on, over all tasks of its stages, one after the other; None where
     unknown.
 
@@ -126,12 +125,12 @@ def seconds(plan: Plan, verdict: EffectVerdict, rows: Iterable[Mapping[str, Any]
     work. A stage that is not needed without the effect costs nothing then. Tasks that differ in another effect are not
     told apart.
     """
-    rows, total = list(rows), 0.0
+    total = 0.0
     for name in verdict.stages:
         stage = stage_named(name)
         if name in plan.unneeded and not _depends(plan, stage, verdict.effect.name):
             continue
-        found = _rates(plan, stage, verdict.effect.name, rows)
+        found = _rates(plan, stage, verdict.effect.name, timed)
         if found is None:
             return None
         work = sum(load(plan.context, t).work for t in tasks_of(plan.context, stage))
@@ -139,10 +138,10 @@ def seconds(plan: Plan, verdict: EffectVerdict, rows: Iterable[Mapping[str, Any]
     return total
 
 
-def _rates(plan: Plan, stage: Stage, effect: str, rows: list[Mapping[str, Any]]) -> tuple[float, float] | None:
+def _rates(plan: Plan, stage: Stage, effect: str, timed: Sequence[Mapping[str, Any]]) -> tuple[float, float] | None:
     """Seconds per unit of work of a stage's tasks with and without an effect."""
     now = digest(plan.context.params(stage).hashed())
-    of_stage = [r for r in rows if r["stage"] == stage.name and r["params"] == now]
+    of_stage = [r for r in timed if r["stage"] == stage.name and r["params"] == now]
     with_it = [r["seconds"] / r["work"] for r in of_stage if effect in (r.get("effects") or "").split()]
     without = [r["seconds"] / r["work"] for r in of_stage if effect not in (r.get("effects") or "").split()]
     if _depends(plan, stage, effect):

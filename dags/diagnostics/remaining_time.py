@@ -1,7 +1,7 @@
 """How long a run still takes: what its tasks are expected to take, corrected by what the finished ones took.
 
-Before the start the expectation comes from the archive's own history (`posegaussian.dags.planning.forecast`), else from
-what tasks took on one core of an ordinary machine, which is called a guess wherever it is said.
+Before the start the expectation comes from `posegaussian.dags.planning.forecast`: the archive's own history, else a
+guess.
 """
 
 from __future__ import annotations
@@ -26,27 +26,6 @@ from posegaussian.dags.runtime.events import (
     TasksChanged,
 )
 from posegaussian.stages.registry import stage as stage_named
-
-TYPICAL = {
-    "survey": 1.2e-7,
-    "judge": 5e-7,
-    "detection": 3e-7,
-    "tracks": 2e-8,
-    "people": 1e-10,
-    "pose": 1e-7,
-    "frames": 1e-6,
-    "smoothing": 1e-7,
-    "depth": 3.6e-6,
-    "network": 1e-6,
-    "gaussians": 5e-7,
-    "refinement": 6e-6,
-    "rendering": 1.9e-6,
-    "metrics": 6e-7,
-}
-"""Seconds of one core per unit of work (frames x views x pixels) by stage, for a guess: rounded from a filmed person
-at 512 px, four cameras, five frames, metrics from a small simulated one (`python -m
-benchmarks.pipeline.typical_rates ARCHIVE` prints an archive's); network and refinement, which did not run there, are
-rough figures of the order of their benchmarks."""
 
 TRUST = 2.0
 """Tasks that have to be done before what they took weighs as much as what was expected of their stage."""
@@ -78,15 +57,11 @@ class Remaining:
         expected: dict[Task, float] = {}
         guessed = False
         for plan in plans:
-            loads, rates = Loads(plan.context), {}
-            for task in plan.to_make:
-                if task.stage not in rates:
-                    rates[task.stage] = history.rate(
-                        stage_named(task.stage), plan.context.params(stage_named(task.stage))
-                    ).seconds
-                rate = rates[task.stage]
-                guessed = guessed or rate is None
-                expected[task] = loads(task).work * (TYPICAL[task.stage] if rate is None else rate)
+            stages = {name: stage_named(name) for name in dict.fromkeys(t.stage for t in plan.to_make)}
+            rates = {name: history.rate(stage, plan.context.params(stage)) for name, stage in stages.items()}
+            loads = Loads(plan.context)
+            expected |= {t: loads(t).work * rates[t.stage].seconds for t in plan.to_make}
+            guessed = guessed or any(rate.timed == "guess" for rate in rates.values())
         return cls(expected, workers, guessed)
 
     @property

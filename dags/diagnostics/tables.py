@@ -71,7 +71,8 @@ def _counted(reasons: Counter[str]) -> list[str]:
 
 
 def projection_table(projections: Sequence[Projection]) -> Table:
-    """One row a stage that has something to do: what it is expected to take at most."""
+    """One row a stage that has something to do: what it is expected to take at most, a guess where the archive has no
+    history of it."""
     table = Table(
         title="projected, at most (undecided tasks count as if they ran)",
         title_justify="left",
@@ -91,29 +92,27 @@ def projection_table(projections: Sequence[Projection]) -> Table:
         table.add_row(
             p.stage,
             str(p.tasks),
-            (gigabytes(p.disk) + ("" if p.compressed else " raw")) if p.disk else "",
+            _said(gigabytes(p.disk), "" if p.compressed else "guess") if p.disk else "",
             gigabytes(p.ram),
             gigabytes(p.vram) if p.vram else "",
-            seconds_text(p.seconds) + ("" if p.same or p.seconds is None else " (other settings)"),
+            _said(seconds_text(p.seconds), "" if p.timed == "same settings" else p.timed),
         )
-    known = [p.seconds for p in projections if p.seconds is not None]
-    total = (
-        seconds_text(sum(known))
-        if len(known) == len(projections)
-        else f"more than {seconds_text(sum(known))}"
-        if known
-        else "unknown"
-    )
+    disk, seconds = sum(p.disk for p in projections), sum(p.seconds for p in projections)
     table.add_row(
         "all",
         str(sum(p.tasks for p in projections)),
-        gigabytes(sum(p.disk for p in projections)),
+        _said(gigabytes(disk), "" if all(p.compressed for p in projections if p.disk) else "guess"),
         "",
         "",
-        total,
+        _said(seconds_text(seconds), "guess" if any(p.timed == "guess" for p in projections) else ""),
         end_section=True,
     )
     return table
+
+
+def _said(amount: str, remark: str) -> str:
+    """`3 min (guess)`."""
+    return f"{amount} ({remark})" if remark else amount
 
 
 MARKS = {"failed": "f", "blocked": "b", "warned": "w", "stale": "s", "undecided": "u", "dropped": "d"}

@@ -17,6 +17,7 @@ from posegaussian.dags.planning.effects import (
     as_they_stand,
     decided_facts,
     of_believed,
+    perhaps_gone,
     refusals,
     useful,
     with_optional,
@@ -386,6 +387,11 @@ class Context:
         return reasons | {
             s.name: "no stage needs its constants and no effect its measures under these settings" for s in unread
         }
+
+    @property
+    def perhaps_unneeded(self) -> frozenset[str]:
+        """Stages that may prove unneeded."""
+        return perhaps_gone(self.params, self.capture_facts, self.verdicts, self._named)
 
     def refusals(self) -> list[str]:
         """Sentences about settings this capture cannot serve."""

@@ -314,6 +314,17 @@ def useful(
         idle |= more
 
 
+def perhaps_gone(
+    params: Callable[[Stage], Any], capture: Facts, found: Verdicts, asked: frozenset[str]
+) -> frozenset[str]:
+    """Stages that are not needed under some answer to what is undecided. `capture`, `asked` as of `useful`."""
+    effects = {name for name, v in found.effects.items() if v.state == "undecided"}
+    known = decided_facts(capture, found) - effects
+    answers = [fact for v in found.choices.values() if v.picked is None for fact in v.choice.facts]
+    under = [known | {fact} for fact in answers] or [known]
+    return frozenset(s for facts in under for s in Demand.of(params, with_optional(params, facts), asked).gone)
+
+
 def idle_effects(
     params: Callable[[Stage], Any], capture: Facts, found: Verdicts, asked: frozenset[str]
 ) -> dict[str, Idle]:

@@ -3,7 +3,8 @@ cannot be.
 
 Bytes come from the declarations and the shape of the sequence, times the compression that the archive's own history
 shows; memory from what each stage declares that a task needs; seconds from the history, in proportion to frames x views
-x pixels. Without history bytes are uncompressed, an upper bound, and seconds are unknown.
+x pixels. Where the archive has no history of a stage, what the stage declares as typical stands in, and is called a
+guess wherever it is said.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import statistics
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from posegaussian.dags.humanize.text import gigabytes
 from posegaussian.dags.planning.context import Context
@@ -31,7 +32,7 @@ from posegaussian.storage.archive.deletion import bytes_of
 from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.model.spec import digest
 
-COLUMNS = (*ledger.KEY, "state", "started", "seconds", "bytes", "raw_bytes", "work", "params", "effects")
+COLUMNS = (*ledger.KEY, "state", "started", "seconds", "bytes", "raw_bytes", "work", "unit", "params", "effects")
 """What of the ledger the rates are taken from."""
 
 RECENT = 500
@@ -42,16 +43,22 @@ AHEAD = 2
 first."""
 
 
+Timed = Literal["same settings", "other settings", "guess"]
+"""Where seconds come from: tasks of the stage in this archive, under its settings or others, or what is typical."""
+
+
 @dataclass(frozen=True)
 class Rate:
-    """What the history says of one stage."""
+    """What is expected of one stage."""
 
-    ratio: float | None
+    ratio: float
     """Bytes on disk over bytes before compression."""
-    seconds: float | None
-    """Seconds of a task per unit of work (frames x views x pixels), median."""
-    same: bool
-    """Whether the seconds were measured under the same settings of the stage."""
+    compressed: bool
+    """Whether the ratio was measured in this archive; else it is a guess."""
+    seconds: float
+    """Seconds of a task per unit of work, median."""
+    timed: Timed
+    """Where they come from."""
 
 
 class History:
@@ -74,21 +81,26 @@ class History:
         return cls({(*(row[k] for k in ledger.KEY), row["state"], row["started"]): row for row in rows}.values())
 
     @property
-    def rows(self) -> list[Mapping[str, Any]]:
-        """The tasks the rates are taken from, of all stages."""
-        return [row for found in self._rows.values() for row in found]
+    def timed(self) -> list[Mapping[str, Any]]:
+        """The tasks that seconds are taken from, of all stages: those whose work was counted as it is now."""
+        return [row for stage in STAGES for row in self._timed(stage)]
+
+    def _timed(self, stage: Stage) -> list[Mapping[str, Any]]:
+        return [row for row in self._rows.get(stage.name, []) if row["unit"] == stage.unit.name]
 
     def rate(self, stage: Stage, params: Any) -> Rate:
-        """Rates of a stage; seconds of tasks with the same settings where there are any, else of all."""
-        rows = self._rows.get(stage.name, [])
+        """Rates of a stage; seconds of tasks with the same settings where there are any, else of all, else typical
+        ones."""
+        rows, timed = self._rows.get(stage.name, []), self._timed(stage)
         raw = sum(r["raw_bytes"] or 0 for r in rows)
         now = digest(params.hashed())
-        same = [r for r in rows if r["params"] == now]
-        timed = [r["seconds"] / r["work"] for r in same or rows]
+        same = [r for r in timed if r["params"] == now]
+        seconds = [r["seconds"] / r["work"] for r in same or timed]
         return Rate(
-            sum(r["bytes"] for r in rows) / raw if raw else None,
-            statistics.median(timed) if timed else None,
-            bool(same),
+            sum(r["bytes"] for r in rows) / raw if raw else stage.typical.ratio,
+            bool(raw),
+            statistics.median(seconds) if seconds else stage.typical.seconds,
+            "same settings" if same else "other settings" if timed else "guess",
         )
 
 
@@ -105,15 +117,15 @@ class Projection:
     peak: int
     """Bytes on disk at most at one time, of what `keep` lets go in between."""
     compressed: bool
-    """Whether `disk` follows from measured compression; False: before compression."""
+    """Whether `disk` follows from compression that was measured in this archive; else it is a guess."""
     ram: int
     """Peak of a task's process, bytes."""
     vram: int
     """Peak of a task's device memory, bytes."""
-    seconds: float | None
-    """Of all tasks together, one after the other; None: unknown."""
-    same: bool
-    """Whether the seconds were measured under these settings."""
+    seconds: float
+    """Of all tasks together, one after the other."""
+    timed: Timed
+    """Where the seconds come from."""
 
 
 def project(plan: Plan, history: History) -> list[Projection]:
@@ -129,8 +141,7 @@ def project(plan: Plan, history: History) -> list[Projection]:
 def _of_stage(plan: Plan, stage: Stage, todo: list[Task], rate: Rate) -> Projection:
     context, loads = plan.context, Loads(plan.context)
     of_each = [loads(t) for t in todo]
-    ratio = rate.ratio if rate.ratio is not None else 1.0
-    disk = sum(load.raw_bytes for load in of_each) * ratio
+    disk = sum(load.raw_bytes for load in of_each) * rate.ratio
     receipts = [plan.book.receipts[t] for t in todo if t in plan.book.receipts]
     replaced = sum(bytes_of(o.files) for r in receipts for o in r.outputs if not o.dropped)
     return Projection(
@@ -138,12 +149,12 @@ def _of_stage(plan: Plan, stage: Stage, todo: list[Task], rate: Rate) -> Project
         len(todo),
         round(disk),
         replaced,
-        round(disk - _let_go(context, todo) * ratio),
-        rate.ratio is not None,
+        round(disk - _let_go(context, todo) * rate.ratio),
+        rate.compressed,
         max(load.ram for load in of_each),
         max(load.vram for load in of_each),
-        None if rate.seconds is None else rate.seconds * sum(load.work for load in of_each),
-        rate.same,
+        rate.seconds * sum(load.work for load in of_each),
+        rate.timed,
     )
 
 
@@ -180,7 +191,10 @@ def _let_go(context: Context, todo: list[Task]) -> int:
 def refusals(plans: Sequence[Plan], archive: Archive, history: History) -> list[str]:
     """Why a run should not start for want of disk, with what to change. Memory is refused by
     `posegaussian.dags.planning.resources`, worker by worker."""
-    need = sum(p.peak - p.replaced for plan in plans for p in project(plan, history))
+    need = 0
+    for plan in plans:
+        perhaps = plan.context.perhaps_unneeded  # what may turn out not to run is no reason not to start
+        need += sum(p.peak - p.replaced for p in project(plan, history) if p.stage not in perhaps)
     free = shutil.disk_usage(archive.root).free + sum(
         e.own for e in set_aside.entries(archive)
     )  # results of other settings make room
@@ -191,8 +205,8 @@ def refusals(plans: Sequence[Plan], archive: Archive, history: History) -> list[
         " (`posegaussian gc` says what could go)"
     )
     warning = (
-        f"the run is projected to need {gigabytes(need)} more on disk, {archive.root} has {gigabytes(free)} free;"
-        f" {advice}"
+        f"the run is projected to need {gigabytes(need)} more on disk, an estimate after compression; {archive.root}"
+        f" has {gigabytes(free)} free; {advice}"
     )
     return [warning]
 

@@ -21,6 +21,8 @@ class Load:
 
     work: int = 0
     """Frames x views or cameras x pixels: what seconds are in proportion to."""
+    unit: str = ""
+    """Name of what it is counted in, as the stage declares."""
     raw_bytes: int = 0
     """Bytes of its outputs before compression."""
     ram: int = 0
@@ -52,15 +54,26 @@ def load(context: Context, task: Task, frames: int | None = None) -> Load:
     stage = stage_named(task.stage)
     if frames is None:
         frames = len(worked_frames(context, task))
-    shape = context.shape(task.path)
-    if task.path is not None:
-        work = frames * shape["camera"] * shape["camera_y"] * shape["camera_x"]
-    elif stage.sequence_wide:
-        work = shape["sample"] * shape["source_y"] * shape["source_x"]
-    else:
-        work = frames * (1 if task.view is not None else len(context.views.sources)) * shape["y"] * shape["x"]
     needs = needs_of(context, stage, task.path, frames)
-    return Load(work, sum(raw_bytes(context, task, frames).values()), needs.ram, needs.vram)
+    return Load(
+        work(context, task, frames),
+        stage.unit.name,
+        sum(raw_bytes(context, task, frames).values()),
+        needs.ram,
+        needs.vram,
+    )
+
+
+def work(context: Context, task: Task, frames: int) -> int:
+    """Frames x views or cameras x pixels of a task over so many frames, in the unit of its stage; a sequence-wide one
+    looks at a sample of frames."""
+    stage, shape = stage_named(task.stage), context.shape(task.path)
+    if task.path is not None:
+        frames, worked = frames * shape["camera"], shape["camera_y"] * shape["camera_x"]
+    else:
+        views = 1 if task.view is not None else len(context.views_of(stage).sources)
+        frames, worked = (shape["sample"] if stage.sequence_wide else frames) * views, shape["y"] * shape["x"]
+    return round(frames * (stage.unit.worked * worked + stage.unit.captured * shape["source_y"] * shape["source_x"]))
 
 
 def needs_of(context: Context, stage: Stage, path: str | None = None, frames: int | None = None) -> Resources:

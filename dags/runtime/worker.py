@@ -194,6 +194,7 @@ def _make(sequence: SequenceGroup, order: WorkOrder, lease: Lease) -> Receipt:
         "projected_ram": order.load.ram,
         "raw_bytes": order.load.raw_bytes,
         "work": order.load.work,
+        "unit": order.load.unit,
     }
     facts |= {"noted": noted} if noted else {}
     facts |= {"modules": {name: round(s, 6) for name, s in spent.items()}} if (spent := inputs.seconds) else {}

@@ -127,6 +127,32 @@ class Resources:
 
 
 @dataclass(frozen=True)
+class Unit:
+    """What seconds of a stage are in proportion to, for every frame and view, as a weighted sum of pixels."""
+
+    worked: float = 1.0
+    """Of a pixel of `frames/*`, or of the camera path of a stage that runs over paths."""
+    captured: float = 0.0
+    """Of a pixel of the picture as it was captured, which is decoded whatever size is worked on."""
+
+    @property
+    def name(self) -> str:
+        """`1 worked + 0.1 captured`: seconds per unit of work are compared with those of the same name alone."""
+        return " + ".join(f"{n:g} {of}" for n, of in ((self.worked, "worked"), (self.captured, "captured")) if n)
+
+
+@dataclass(frozen=True)
+class Typical:
+    """What tasks of a stage took of captures of people, for estimates in an archive without a history of them; from
+    `python -m benchmarks.pipeline.typical_rates ARCHIVE...`, of captures with 4 to 16 cameras at 150 to 1024 px."""
+
+    seconds: float
+    """Of one core, per unit of work, rounded."""
+    ratio: float = 1.0
+    """Bytes on disk over bytes before compression, rounded up: what a run may start by."""
+
+
+@dataclass(frozen=True)
 class Decision:
     """What an effect's measure led to."""
 
@@ -308,6 +334,10 @@ class Stage:
     """Its settings."""
     needs: Callable[[Shape, Any], Resources]
     """Resources of one task, from the shape of one partition (`frame` is the partition's length) and the params."""
+    typical: Typical
+    """What its tasks took elsewhere."""
+    unit: Unit = Unit()
+    """What its work is counted in."""
     check: str | None = None
     """`module:function`, `check(block, params) -> list[str]`: warnings; an impossible value raises."""
     unneeded: Callable[[Any, Facts], str | None] = needed

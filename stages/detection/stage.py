@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from posegaussian.stages.contract.declaration import Choice, Read, Resources, Stage
+from posegaussian.stages.contract.declaration import Choice, Read, Resources, Stage, Typical, Unit
 from posegaussian.stages.contract.facts import ESTIMATED, SEGMENTED, Facts
 from posegaussian.stages.detection.asset import ESTIMATOR, joint_set, named_joint_set, settled, told_facts
 from posegaussian.stages.detection.params import DetectionParams, estimator_choice, refusal
@@ -75,6 +75,8 @@ STAGE = Stage(
     over=("sequence", "time"),
     params=DetectionParams,
     needs=needs,
+    typical=Typical(seconds=6e-8, ratio=0.2),
+    unit=Unit(worked=0, captured=1),
     unneeded=unneeded,
     refusal=refusal,
     effects=(UNDISTORTION, CROP_SCALE, CALIBRATION_CORRECTION),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from posegaussian.stages.contract.declaration import Choice, Evidence, Read, Resources, Stage
+from posegaussian.stages.contract.declaration import Choice, Evidence, Read, Resources, Stage, Typical, Unit
 from posegaussian.stages.contract.facts import (
     BLAZEPOSE,
     GIVEN_DEPTH,
@@ -203,6 +203,8 @@ STAGE = Stage(
     over=("sequence", "time", "view"),
     params=FramesParams,
     needs=needs,
+    typical=Typical(seconds=5e-7, ratio=0.75),
+    unit=Unit(worked=1, captured=0.1),
     refusal=refusal,
     effects=(
         UNDISTORTION,

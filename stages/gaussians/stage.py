@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from posegaussian.stages.contract.declaration import Read, Resources, Stage
+from posegaussian.stages.contract.declaration import Read, Resources, Stage, Typical
 from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.frames.effects import NOISE_AVERAGING, UNREST
 from posegaussian.stages.frames.facts import AVERAGED_WITH
@@ -98,5 +98,6 @@ STAGE = Stage(
     over=("sequence", "time"),
     params=GaussiansParams,
     needs=needs,
+    typical=Typical(seconds=5e-7, ratio=0.1),
     effects=(NOISE_AVERAGING,),
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from posegaussian.stages.contract.declaration import Read, Resources, Stage
+from posegaussian.stages.contract.declaration import Read, Resources, Stage, Typical
 from posegaussian.stages.contract.facts import HELD_OUT, Facts
 from posegaussian.stages.metrics.measures.registry import METRICS
 from posegaussian.stages.metrics.params import MetricsParams
@@ -70,6 +70,7 @@ STAGE = Stage(
     over=("sequence", "time", "path"),
     params=MetricsParams,
     needs=needs,
+    typical=Typical(seconds=1e-6),
     unneeded=unneeded,
     refusal=refusal,
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from posegaussian.stages.contract.declaration import Read, Resources, Stage
+from posegaussian.stages.contract.declaration import Read, Resources, Stage, Typical
 from posegaussian.stages.contract.facts import GIVEN_DEPTH, JOINTS2D, JOINTS3D, SINGLE_SOURCE, Facts
 from posegaussian.stages.network.asset import SHIPPED_NETWORKS, TRAINED, card_of, facts_of
 from posegaussian.stages.network.asset import notes as weights_notes
@@ -125,6 +125,7 @@ STAGE = Stage(
     over=("sequence", "time"),
     params=NetworkParams,
     needs=needs,
+    typical=Typical(seconds=1e-6, ratio=0.15),
     unneeded=unneeded,
     effects=(POSE_HEATMAPS, TEMPORAL_SMOOTHING),
     optional=True,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from posegaussian.stages.contract.declaration import Read, Resources, Stage
+from posegaussian.stages.contract.declaration import Read, Resources, Stage, Typical
 from posegaussian.stages.contract.facts import TRACKED, Facts
 from posegaussian.stages.people.params import PeopleParams
 from posegaussian.storage.model.spec import ArraySpec, Shape
@@ -36,5 +36,6 @@ STAGE = Stage(
     over=("sequence", "time"),
     params=PeopleParams,
     needs=needs,
+    typical=Typical(seconds=1e-8),
     unneeded=unneeded,
 )

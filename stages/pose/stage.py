@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from posegaussian.stages.contract.declaration import Read, Resources, Stage
+from posegaussian.stages.contract.declaration import Read, Resources, Stage, Typical
 from posegaussian.stages.contract.facts import ESTIMATED, JOINTS2D, JOINTS3D, SEGMENTED, TRACKED, Facts
 from posegaussian.stages.imaging.calibration import CALIBRATION_CORRECTION
 from posegaussian.stages.imaging.pixel_effects import CROP_SCALE, UNDISTORTION
@@ -72,6 +72,7 @@ STAGE = Stage(
     over=("sequence", "time"),
     params=PoseParams,
     needs=needs,
+    typical=Typical(seconds=1e-7, ratio=0.1),
     unneeded=unneeded,
     effects=(UNDISTORTION, CROP_SCALE, CALIBRATION_CORRECTION, POSE_HEATMAPS),
 )

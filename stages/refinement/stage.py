@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from posegaussian.stages.contract.declaration import Read, Resources, Stage
+from posegaussian.stages.contract.declaration import Read, Resources, Stage, Typical
 from posegaussian.stages.contract.facts import FEW_SOURCES, Facts
 from posegaussian.stages.frames.effects import NOISE_AVERAGING
 from posegaussian.stages.network.params import TWISTED, depth_reads
@@ -106,6 +106,7 @@ STAGE = Stage(
     over=("sequence", "time"),
     params=RefinementParams,
     needs=needs,
+    typical=Typical(seconds=3e-6, ratio=0.2),
     unneeded=unneeded,
     effects=(NOISE_AVERAGING,),
     optional=True,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from posegaussian.stages.contract.declaration import Read, Resources, Stage
+from posegaussian.stages.contract.declaration import Read, Resources, Stage, Typical
 from posegaussian.stages.contract.facts import JOINTS2D, JOINTS3D, Facts
 from posegaussian.stages.pose.effects import POSE_HEATMAPS
 from posegaussian.stages.smoothing.effects import TEMPORAL_SMOOTHING
@@ -45,6 +45,7 @@ STAGE = Stage(
     over=("sequence", "time"),
     params=SmoothingParams,
     needs=needs,
+    typical=Typical(seconds=1e-7, ratio=0.05),
     unneeded=unneeded,
     effects=(POSE_HEATMAPS, TEMPORAL_SMOOTHING),
 )

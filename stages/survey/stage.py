@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from posegaussian.stages.contract.declaration import Read, Resources, Stage
+from posegaussian.stages.contract.declaration import Read, Resources, Stage, Typical, Unit
 from posegaussian.stages.contract.facts import ESTIMATED, JOINTS2D, Facts
 from posegaussian.stages.imaging.camera_mapping import frames_rig
 from posegaussian.stages.survey.algorithms.look import KEPT_PICTURES
@@ -70,6 +70,8 @@ STAGE = Stage(
     over=("sequence", "view"),
     params=SurveyParams,
     needs=needs,
+    typical=Typical(seconds=1.2e-7, ratio=0.5),
+    unit=Unit(worked=0, captured=1),
     sequence_wide=True,
     cameras=lambda rig, params: frames_rig(rig, LONGEST),
     dimensions=lambda params, facts: {"sample": params.sample},

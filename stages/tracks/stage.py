@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from posegaussian.stages.contract.declaration import Read, Resources, Stage
+from posegaussian.stages.contract.declaration import Read, Resources, Stage, Typical, Unit
 from posegaussian.stages.contract.facts import ESTIMATED, TRACKED, Facts
 from posegaussian.stages.imaging.calibration import CALIBRATION_CORRECTION
 from posegaussian.stages.imaging.camera_mapping import frames_rig
@@ -63,6 +63,8 @@ STAGE = Stage(
     over=("sequence",),
     params=TracksParams,
     needs=needs,
+    typical=Typical(seconds=5e-9, ratio=0.4),
+    unit=Unit(worked=0, captured=1),
     unneeded=unneeded,
     effects=(UNDISTORTION, CROP_SCALE, CALIBRATION_CORRECTION),
     cameras=lambda rig, params: frames_rig(rig, LONGEST),

@@ -37,7 +37,7 @@ _KEY = re.compile(r"c((/[0-9]{1,10})*|(\.[0-9]{1,10})*)|(all|p[0-9]{6,10})\.parq
 NUMBERS = ("seconds", "cpu_seconds", "work", "raw_bytes", "peak_rss", "projected_ram")
 """Facts that are counted together."""
 
-TEXTS = ("started", "host", "worker", "device", "run", "token")
+TEXTS = ("unit", "started", "host", "worker", "device", "run", "token")
 """Facts that are names."""
 
 

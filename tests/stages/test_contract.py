@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 from pydantic import ValidationError
 
-from posegaussian.stages.contract.declaration import Params, Read, Resources, Stage, extra, resolve, setting
+from posegaussian.stages.contract.declaration import Params, Read, Resources, Stage, Typical, extra, resolve, setting
 from posegaussian.stages.contract.facts import Facts
 from posegaussian.storage.model.spec import ArraySpec, TableSpec
 
@@ -33,6 +33,7 @@ STAGE = Stage(
     over=("sequence", "time"),
     params=Example,
     needs=lambda shape, params: Resources(ram=1),
+    typical=Typical(seconds=1e-6),
 )
 
 

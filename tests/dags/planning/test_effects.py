@@ -330,7 +330,7 @@ def test_seconds_come_from_the_history_with_and_without_the_effect(decided: Pipe
 def _rows(p: Pipeline) -> list[dict[str, object]]:
     archive = Archive.open(str(p.root))
     rebuild(archive)
-    return History.read(archive).rows  # type: ignore[return-value]
+    return History.read(archive).timed  # type: ignore[return-value]
 
 
 def test_only_states_that_are_on_are_kept_in_a_receipt(decided: Pipeline) -> None:

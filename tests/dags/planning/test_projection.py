@@ -3,21 +3,22 @@ refusal before the start."""
 
 from __future__ import annotations
 
+import io
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from posegaussian.dags.diagnostics.tables import projection_table
-from posegaussian.dags.humanize.text import seconds_text
 from posegaussian.dags.planning import forecast
 from posegaussian.dags.planning.forecast import History, project
 from posegaussian.dags.planning.plan import State
 from posegaussian.dags.planning.resources import local_pools, refusals
 from posegaussian.dags.planning.selection import Selection
-from posegaussian.dags.planning.task_cost import RESERVED, load, needs_of
-from posegaussian.dags.planning.tasks import tasks
+from posegaussian.dags.planning.task_cost import RESERVED, load, needs_of, work
+from posegaussian.dags.planning.tasks import Task, tasks
 from posegaussian.dags.runtime import meters
 from posegaussian.dags.runtime.meters import Peak
 from posegaussian.stages.registry import STAGES
@@ -27,7 +28,7 @@ from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.model.errors import ConfigError
 from tests.support.pipeline import NAME, Pipeline
 
-POSE = stage_named("pose")
+FRAMES, POSE = stage_named("frames"), stage_named("pose")
 
 
 @pytest.fixture
@@ -80,21 +81,37 @@ def test_history_turns_bytes_and_work_into_disk_and_seconds(archive: Pipeline) -
             assert p.compressed
             # The same tasks again: the ratio gives back what they took, up to rounding.
             assert p.disk == pytest.approx(on_disk, rel=1e-3, abs=2)
-        assert p.same
+        assert p.timed == "same settings"
         assert p.seconds == pytest.approx(sum(r.facts["seconds"] for r in receipts), rel=1.0), (
             "a median stands for the mean"
         )
 
 
-def test_without_history_seconds_are_unknown_and_bytes_an_upper_bound(archive: Pipeline) -> None:
+def test_without_history_typical_rates_stand_in_and_are_called_a_guess(archive: Pipeline) -> None:
     plan = archive.plan(selection=Selection(start="frames"))
     with_history = {p.stage: p for p in project(plan, history(archive))}
-    for p in project(plan, History()):
-        assert p.seconds is None
-        assert not p.compressed
-        assert p.disk >= with_history[p.stage].disk or p.stage == "metrics"
-    assert seconds_text(None) == "unknown"
-    assert projection_table(project(plan, History())).row_count == len(with_history) + 1
+    guesses = project(plan, History())
+    for p in guesses:
+        typical = next(s for s in STAGES if s.name == p.stage).typical
+        loads = [load(plan.context, t) for t in plan.to_make if t.stage == p.stage]
+        assert (p.timed, p.compressed) == ("guess", False)
+        assert p.seconds == pytest.approx(typical.seconds * sum(of_task.work for of_task in loads))
+        assert p.disk == pytest.approx(typical.ratio * sum(of_task.raw_bytes for of_task in loads), abs=1)
+    assert _shown(guesses).count("(guess)") == 2 * len(guesses) + 2 - sum(not p.disk for p in guesses)
+    assert "(guess)" not in _shown(list(with_history.values()))
+    assert _shown(guesses).count("\n") == _shown(list(with_history.values())).count("\n")
+
+
+def _shown(projections: list[forecast.Projection]) -> str:
+    out = io.StringIO()
+    Console(width=120, file=out).print(projection_table(projections))
+    return out.getvalue()
+
+
+def test_typical_rates_are_declared_by_every_stage() -> None:
+    for stage in STAGES:
+        assert 0 < stage.typical.seconds < 1e-3, stage.name
+        assert 0 < stage.typical.ratio <= 1, stage.name
 
 
 def test_nothing_is_projected_of_stages_that_a_run_may_not_touch(
@@ -115,17 +132,50 @@ def test_nothing_is_projected_of_stages_that_a_run_may_not_touch(
     assert refusals([little.plan()], pools)
 
 
+def test_what_may_turn_out_not_to_run_is_no_reason_to_refuse(
+    archive: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = Pipeline(archive.root.with_name("first"), archive.folder, ["effects.temporal_smoothing=auto"])
+    first.register()
+    plan = first.plan()
+    needs = {p.stage: p.peak for p in project(plan, History())}
+    assert plan.context.perhaps_unneeded & needs.keys() == {"smoothing"}
+    assert needs["smoothing"] > 0
+    certain = sum(needs.values()) - needs["smoothing"]
+    usage = shutil.disk_usage(first.root)
+    for free, refused in ((certain, False), (certain - 1, True)):
+        monkeypatch.setattr(forecast.shutil, "disk_usage", lambda _, free=free: usage._replace(free=free))
+        assert bool(forecast.refusals([plan], Archive(first.root), History())) == refused
+
+
+def test_work_on_captured_pictures_is_the_same_at_every_size_that_is_worked_on(archive: Pipeline) -> None:
+    whole, half = archive.context(), archive.with_settings("frames.size=24").context()
+    for name, share in (("detection", 1.0), ("survey", 1.0), ("frames", (0.25 + 0.1) / 1.1), ("depth", 0.25)):
+        view = 0 if name in ("survey", "frames") else None
+        task = Task(NAME, name, None if name == "survey" else 0, view)
+        assert work(half, task, 2) == pytest.approx(share * work(whole, task, 2), rel=1e-3), name
+
+
+def test_seconds_of_work_that_was_counted_otherwise_are_not_compared(archive: Pipeline) -> None:
+    rows = history(archive).timed
+    assert {row["unit"] for row in rows if row["stage"] == "frames"} == {"1 worked + 0.1 captured"}
+    older = History([{**row, "unit": None if row["stage"] == "frames" else row["unit"]} for row in rows])
+    params = archive.context().params(FRAMES)
+    was, now = older.rate(FRAMES, params), history(archive).rate(FRAMES, params)
+    assert (was.timed, was.seconds) == ("guess", FRAMES.typical.seconds)
+    assert (now.timed, was.ratio, was.compressed) == ("same settings", now.ratio, True)
+    assert {row["stage"] for row in older.timed} == {row["stage"] for row in rows} - {"frames"}
+
+
 def test_seconds_of_other_settings_are_marked_and_work_scales_them(archive: Pipeline) -> None:
     changed = archive.with_settings("depth.pairs=1")
     depth = next(p for p in project(changed.plan(), history(archive)) if p.stage == "depth")
-    assert depth.seconds is not None
-    assert not depth.same
+    assert depth.timed == "other settings"
     half = archive.with_settings("frames.size=24")
     before = next(
         p for p in project(archive.plan(selection=Selection(start="frames")), history(archive)) if p.stage == "depth"
     )
     after = next(p for p in project(half.plan(), history(archive)) if p.stage == "depth")
-    assert before.seconds is not None
     assert after.seconds == pytest.approx(before.seconds / 4, rel=1e-6), "a quarter of the pixels"
 
 
