@@ -124,7 +124,7 @@ def _keyed(
     _, _, parts = judge(plan.book, task, Selection(), digests)
     was, now = _without_code_of_assets(old.parts), _without_code_of_assets(parts)
     other = [k for k in sorted({*was, *now}) if k not in harmless and was.get(k) != now.get(k)]
-    changed = reasons(old.parts, parts)
+    changed = reasons(plan.context, old.parts, parts)
     if other:
         raise UserError(
             f"{label}: {', '.join(other)} changed, not only {', '.join(harmless)} ({'; '.join(changed)});"

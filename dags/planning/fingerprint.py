@@ -175,8 +175,9 @@ def _product_label(p: Product, names: tuple[str, ...]) -> str:
     )
 
 
-def reasons(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
-    """What changed between two records, most telling first; keys that `new` lacks are not compared."""
+def reasons(context: Context, old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+    """What changed between two records of a task, most telling first; keys that `new`, the context's, lacks are not
+    compared."""
     stage = new["stage"]
     out = []
     if old.get("version") != new["version"]:
@@ -198,16 +199,29 @@ def reasons(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     if old.get("cameras") != new["cameras"]:
         out.append("cameras, their roles or the camera path changed")
     if not moved:  # other frames have other sources; that they differ is no news
-        out += _entries_changed("source", old.get("sources", {}), new["sources"])
+        around = tuple(f"{kind} of " for kind in _read_around(context, stage_named(stage)))
+        out += _entries_changed("source", old.get("sources", {}), new["sources"], around=around)
     if "inputs" in new:
         out += _entries_changed("input", old.get("inputs", {}), new["inputs"], both=moved)
     return out
 
 
-def _entries_changed(kind: str, old: Mapping[str, str], new: Mapping[str, str], both: bool = False) -> list[str]:
+def _read_around(context: Context, stage: Stage) -> list[str]:
+    """Sources of which frames around the partition are read, too: another range of frames changes their digests."""
+    params = context.params(stage)
+    return [r.array for r in _source_reads(context, stage) if r.halo_for(params, context.facts) != (0, 0)]
+
+
+def _entries_changed(
+    kind: str, old: Mapping[str, str], new: Mapping[str, str], both: bool = False, around: tuple[str, ...] = ()
+) -> list[str]:
     """Entries whose digest changed, that are read now, or no longer; with `both` only those that were read before
-    and after."""
-    shared = [f"{kind} {k} changed" for k in sorted(old.keys() & new.keys()) if old[k] != new[k]]
+    and after. `around`: how those begin of which frames around the partition are read."""
+    shared = [
+        f"{kind} {k}, or which frames are read of it, changed" if k.startswith(around) else f"{kind} {k} changed"
+        for k in sorted(old.keys() & new.keys())
+        if old[k] != new[k]
+    ]
     if both:
         return shared
     return [

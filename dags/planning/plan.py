@@ -121,7 +121,7 @@ def judge(
         return State.STALE, ("never made",), parts
     as_kept = still_good(parts, receipt.parts)
     same = receipt.parts == as_kept or receipt.fingerprint == digest(as_kept)
-    why = [] if same else reasons(receipt.parts, parts) or ["its fingerprint changed"]
+    why = [] if same else reasons(book.context, receipt.parts, parts) or ["its fingerprint changed"]
     why = why or [f"{name} is asked for" for name in lacking(book.context, task, receipt)]
     why += [book.problems[task]] if task in book.problems else []
     why += [forced] if forced else []
@@ -307,7 +307,7 @@ def _before_inputs(book: Book, task: Task, selection: Selection, waiting: Iterab
     stages = " and ".join(dict.fromkeys(d.stage for d in waiting))
     if receipt is None:
         return TaskVerdict(task, State.STALE, ("never made",))
-    why = reasons(receipt.parts, own_parts(book.context, task))
+    why = reasons(book.context, receipt.parts, own_parts(book.context, task))
     why += [book.problems[task]] if task in book.problems else []
     forced = selection.forced(task.stage)
     why += [forced] if forced else []

@@ -179,6 +179,15 @@ def test_a_grown_range_says_which_frames_came_and_blames_no_source(archive: Pipe
     assert reasons["frames"] == {"frames of the partition 4..5 (2 frames) -> 4..4 (1 frames)"}
 
 
+def test_a_shorter_range_says_of_no_file_that_it_changed_for_sure(archive: Pipeline) -> None:
+    """Joints are followed into the frames around a partition, which are no longer there."""
+    shorter = archive.with_settings("frames.range=0:4")
+    views = shorter.context().views
+    told = "source joints of {}, or which frames are read of it, changed"
+    assert told.format(views.names[views.sources[0]]) in stale(shorter)["pose"]
+    assert not any(r.startswith("source") for r in stale(shorter)["pose"] - {told.format(n) for n in views.names})
+
+
 def test_inputs_that_are_no_longer_read_are_called_so(archive: Pipeline) -> None:
     fewer = archive.with_settings("views.sources=[cam00, cam01, cam02]", "depth.method=sgbm")
     assert any(r.endswith("of cam03 is no longer read") for r in stale(fewer)["depth"])
