@@ -201,6 +201,8 @@ class WarningCollector:
     def __init__(self) -> None:
         """Empty."""
         self.warnings: list[str] = []
+        self._alike: dict[tuple[Task, str], list[str]] = defaultdict(list)
+        """What tasks say that differ in their view alone, and by which cameras' names they said it."""
         self.failures: list[TaskFailed] = []
         self.blocked: dict[tuple[Task, str], list[Task]] = defaultdict(list)
         """By what they wait for, and why that is not done."""
@@ -208,12 +210,27 @@ class WarningCollector:
     def __call__(self, event: Event) -> None:
         """Take one event of the run."""
         if isinstance(event, TaskDone):
-            self.warnings += [f"{event.task.sequence} {event.task.label()}: {w}" for w in event.receipt.warnings]
+            for warning in event.receipt.warnings:
+                self.warnings.append(f"{event.task.sequence} {event.task.label()}: {warning}")
+                camera, colon, said = warning.partition(": ")
+                if event.task.view is None or not colon:
+                    camera, said = "", warning
+                self._alike[event.task._replace(view=None), said].append(camera)
         elif isinstance(event, TaskFailed):
             self.failures.append(event)
         elif isinstance(event, TaskBlocked):
             why = "failed" if any(f.task == event.by for f in self.failures) else "is stale and left out by --only"
             self.blocked[event.by, why].append(event.task)
+
+    def warning_sentences(self) -> list[str]:
+        """The warnings; what is said of several views alike is said once."""
+        found = []
+        for (task, said), cameras in self._alike.items():
+            names = list(dict.fromkeys(c for c in cameras if c))
+            more = f" and {number(len(names) - 1, 'more camera')}" if len(names) > 1 else ""
+            about = f"{names[0]}{more}: " if names else ""
+            found += [f"{task.sequence} {task.label()}: {about}{said}"] * (1 if names else len(cameras))
+        return found
 
     def blocked_sentences(self, cameras: Mapping[str, tuple[str, ...]]) -> list[str]:
         """One sentence for everything that others wait for; `cameras` names the views of each sequence."""

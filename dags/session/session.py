@@ -313,7 +313,7 @@ class Session:
         self.say(self.thrown_away(plans), "yellow")
         outcome = self.run(plans, selection, refused)
         ended = outcome.ended
-        self.say([f"warning: {w}" for w in tables.grouped(outcome.collector.warnings)], "yellow")
+        self.say([f"warning: {w}" for w in tables.grouped(outcome.collector.warning_sentences())], "yellow")
         if not ended.interrupted and not ended.failed:
             self.hint(learned_share.sentences(plans))
         self.detail(outcome.spending.sentences())

@@ -75,11 +75,12 @@ class JointsLook(Look):
 
 
 def check(block: Block, params: SurveyParams) -> list[str]:
-    """Warnings about a small sample, and those of the measures."""
+    """Warnings about a small sample, and those of the measures. None about a single frame: it is a still, and nothing
+    could be done about it."""
     if block.array != "survey/sample":
         return [w for m in MEASURES if any(a.name == block.array for a in m.arrays) for w in m.check(block)]
     found = int((block.data >= 0).sum())
-    if found >= FEWEST:
+    if found >= FEWEST or found == 1:
         return []
     return [
         (

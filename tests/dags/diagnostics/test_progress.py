@@ -148,6 +148,21 @@ def test_warnings_and_failures_are_collected_with_their_task() -> None:
     assert [f.task for f in collector.failures] == [DEPTH[1]]
 
 
+def test_what_is_said_of_several_cameras_alike_is_said_once() -> None:
+    collector, views = WarningCollector(), [Task("kick", "survey", view=v) for v in range(3)]
+    for task, camera in zip(views, ("cam00", "cam01", "cam02"), strict=True):
+        collector(
+            done(task, 1.0, f"{camera}: only 2 frames", *([f"{camera}: not static"] if camera == "cam01" else []))
+        )
+    collector(done(DEPTH[0], 1.0, "odd: even"))
+    assert collector.warning_sentences() == [
+        "kick survey: cam00 and 2 more cameras: only 2 frames",
+        "kick survey: cam01: not static",
+        "kick depth p0000: odd: even",
+    ]
+    assert len(collector.warnings) == 5, "the log has every one"
+
+
 @pytest.mark.parametrize(("voice", "lines"), [(Voice.NORMAL, 1), (Voice.VERBOSE, 3)])
 def test_effects_take_one_line_unless_every_reason_is_asked_for(voice: Voice, lines: int) -> None:
     told: list[str] = []

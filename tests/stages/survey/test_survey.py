@@ -112,5 +112,6 @@ def test_check_says_when_a_plate_cannot_be_trusted() -> None:
     params = SurveyParams()
     assert "only 2 frames" in check(Block("survey/sample", np.array([3, 9, -1]), 0), params)[0]
     assert check(Block("survey/sample", np.arange(25), 0), params) == []
+    assert check(Block("survey/sample", np.array([3, -1, -1]), 0), params) == [], "a still has no second frame"
     assert "not static" in check(Block("survey/spread", np.full((8, 8), 30, np.uint8), 1), params)[0]
     assert check(Block("survey/spread", np.full((8, 8), 2, np.uint8), 1), params) == []
