@@ -14,7 +14,7 @@ from posegaussian.dags.session.next_steps import first_look_command
 
 
 def inspect(
-    sequence: Annotated[str, typer.Argument(help="Name of the sequence.")],
+    sequence: Annotated[str | None, typer.Argument(help="Name of the sequence.")] = None,
     output: Annotated[
         Path | None, typer.Option("--output", help="Folder for the page and its pictures; default: inspect-SEQUENCE.")
     ] = None,

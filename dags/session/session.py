@@ -104,8 +104,11 @@ class Session:
                 raise ArchiveError(f"no sequence matches {g!r}; archive {self.archive.root} has {', '.join(known)}")
         return [n for n in known if not globs or any(fnmatch.fnmatchcase(n, g) for g in globs)]
 
-    def one_name(self, glob: str) -> str:
-        """The one sequence that a glob matches. Raises ArchiveError for none and for several."""
+    def one_name(self, glob: str | None) -> str:
+        """The one sequence that a glob matches. Raises ArchiveError for none, for several, and without a glob."""
+        if glob is None:
+            known = ", ".join(self.names([]))
+            raise ArchiveError(f"no sequence is named; archive {self.archive.root} has {known}: name one")
         matches = self.names([glob])
         if len(matches) > 1:
             raise ArchiveError(f"{glob!r} matches {len(matches)} sequences, {', '.join(matches)}; name one")

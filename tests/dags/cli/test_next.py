@@ -93,3 +93,11 @@ def test_an_archive_without_a_sequence_says_how_it_gets_one(command: str, tmp_pa
     for done in (nowhere, empty):
         assert "`posegaussian import auto FOLDER`" in str(done.exception)
         assert "simulate plain`" in str(done.exception)
+
+
+def test_inspect_without_a_name_says_which_there_are(capture: Path) -> None:
+    for name in ("walk", "run"):
+        CliRunner().invoke(app, ["import", "auto", str(capture), "--sequence", name, "--archive", "an archive"])
+    asked = CliRunner().invoke(app, ["inspect", "--archive", "an archive"])
+    assert asked.exit_code != 0
+    assert "has run, walk: name one" in str(asked.exception)
