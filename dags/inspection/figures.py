@@ -18,10 +18,10 @@ from posegaussian.stages.geometry.projection import rays
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.inspection.footage import Footage
 from posegaussian.stages.inspection.matching import Matched
+from posegaussian.stages.inspection.planned import Planned
 from posegaussian.stages.inspection.report import Report
 from posegaussian.stages.silhouettes.hull import Silhouettes, searched_radius
 from posegaussian.stages.survey.algorithms.joints import SCORE
-from posegaussian.stages.survey.algorithms.silhouettes import masks_of
 from posegaussian.storage.model.cameras import points_from_integer_centres, points_to_integer_centres
 from posegaussian.storage.model.joint_sets import joint_set
 from posegaussian.storage.model.masks import foreground
@@ -65,7 +65,7 @@ class PairPicture:
 
 def write_pictures(footage: Footage, report: Report, folder: Path) -> list[PairPicture]:
     """One PNG a pair of cameras, `CAMERA-CAMERA.png`; of a single camera its own, `CAMERA.png`."""
-    panels = _Panels(footage)
+    panels = _Panels(footage, report.planned)
     if len(footage.rig) == 1:
         file = folder / f"{footage.names[0]}.png"
         write_png(file, _fitted(panels.panel(0)))
@@ -115,10 +115,10 @@ def _fitted(picture: np.ndarray) -> np.ndarray:
 class _Panels:
     """Each camera's picture of one frame with joints and outlines, made once."""
 
-    def __init__(self, footage: Footage) -> None:
-        self.footage, self.number = footage, footage.looked_at[0]
+    def __init__(self, footage: Footage, planned: Planned) -> None:
+        self.footage, self.number, self._planned = footage, footage.looked_at[0], planned
         self._made: dict[int, np.ndarray] = {}
-        self._masks = masks_of(footage.inputs, self.number) if MASKS in footage.facts else {}
+        self._masks = footage.masks(self.number) if MASKS in footage.facts else {}
 
     def panel(self, view: int) -> np.ndarray:
         """[h, w, 3] uint8 in px of the footage's rig."""
@@ -132,11 +132,11 @@ class _Panels:
         return self._made[view]
 
     def _outlines(self, view: int, drawn: np.ndarray) -> None:
-        if view not in self._masks or len(self._masks) < 2:
+        if view not in self._masks or len(self._planned.masks_against(view, self._masks)) < 2:
             return
         h, w = drawn.shape[:2]
         own = foreground(self._masks[view][:h, :w])
-        hull = _hull(self.footage, self._masks, view, (w, h))
+        hull = _hull(self.footage, self._planned.masks_against(view, self._masks), view, (w, h))
         for region, color in ((own, OUTLINE), (hull, HULL)):
             outlines, _ = cv2.findContours(region.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
             cv2.drawContours(drawn, outlines, -1, color, max(1, h // 500))

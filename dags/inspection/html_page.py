@@ -7,7 +7,7 @@ from html import escape
 from pathlib import Path
 
 from posegaussian.dags.inspection.figures import PairPicture
-from posegaussian.dags.inspection.portraits import NAMED, Portrait
+from posegaussian.dags.inspection.portraits import NAMED, Portrait, who_is_who
 from posegaussian.stages.inspection.finding import Finding, FindingVerdict, by_measure
 from posegaussian.stages.inspection.footage import Footage
 from posegaussian.stages.inspection.report import Report
@@ -17,6 +17,7 @@ COLORS = {
     FindingVerdict.GOOD: "#2f9e63",
     FindingVerdict.DOUBTFUL: "#c77700",
     FindingVerdict.BAD: "#c92a2a",
+    FindingVerdict.LEFT_OUT: "#8a4fa3",
     FindingVerdict.UNKNOWN: "#7a828e",
     FindingVerdict.NOTE: "#3b6fb6",
 }
@@ -87,7 +88,7 @@ def page(
         + "".join(f"<li>{escape(line)}</li>" for line in report.outlook)
         + "</ul>",
         _unmeasured(report),
-        _people(people, folder),
+        _people(people, folder, who_is_who([p for p, _ in people], report.findings)),
         "<h2>Pairs of cameras</h2>",
         '<p class="key">' + "".join(f'<span><i style="background:{c}"></i>{t}</span>' for c, t in KEY) + "</p>",
         (
@@ -102,8 +103,8 @@ def page(
     return "\n".join(parts)
 
 
-def _people(people: Sequence[tuple[Portrait, Path]], folder: Path) -> str:
-    """Everybody with a picture; nothing where nobody was found."""
+def _people(people: Sequence[tuple[Portrait, Path]], folder: Path, said: Sequence[str] = ()) -> str:
+    """Everybody with a picture, and what is `said` of them beyond their captions; nothing where nobody was found."""
     if not people:
         return ""
     figures = "".join(
@@ -111,7 +112,9 @@ def _people(people: Sequence[tuple[Portrait, Path]], folder: Path) -> str:
         f' alt="{escape(p.name, quote=True)}"><figcaption>{escape(p.sentence)}</figcaption></figure>'
         for p, file in people
     )
-    return f'<h2>People</h2><p>{escape(NAMED)}</p><div class="people">{figures}</div>'
+    captions = {p.sentence for p, _ in people}
+    notes = "".join(f"<p>{escape(s)}.</p>" for s in said if s not in captions)
+    return f'<h2>People</h2>{notes}<p>{escape(NAMED)}</p><div class="people">{figures}</div>'
 
 
 def _to_do(report: Report) -> str:

@@ -15,7 +15,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from posegaussian.dags.inspection.judged import left_out_views
-from posegaussian.dags.inspection.portraits import portraits
+from posegaussian.dags.inspection.portraits import portraits, who_is_who
 from posegaussian.dags.planning.context import Context
 from posegaussian.stages.contract.facts import JOINTS2D, JOINTS3D, MASKS, Facts
 from posegaussian.stages.depth.params import resolve_method
@@ -24,7 +24,7 @@ from posegaussian.stages.detection.params import DetectionParams, estimator_choi
 from posegaussian.stages.frames.params import matte_choice
 from posegaussian.stages.imaging.camera_mapping import frames_size
 from posegaussian.stages.inspection.cameras import of_sizes, size_unexplained
-from posegaussian.stages.inspection.finding import Finding, FindingVerdict, worst_first
+from posegaussian.stages.inspection.finding import TO_MEND, Finding, FindingVerdict, worst_first
 from posegaussian.stages.inspection.footage import Footage, scope_of
 from posegaussian.stages.inspection.people import Finder
 from posegaussian.stages.inspection.planned import Planned
@@ -39,6 +39,7 @@ STYLE = {
     FindingVerdict.GOOD: "green",
     FindingVerdict.DOUBTFUL: "yellow",
     FindingVerdict.BAD: "red",
+    FindingVerdict.LEFT_OUT: "magenta",
     FindingVerdict.UNKNOWN: "dim",
     FindingVerdict.NOTE: "cyan",
 }
@@ -114,7 +115,7 @@ def footage_of(context: Context, joints: Any = None) -> tuple[Footage, list[Find
         readers["joints3d"] = open_source(capture, "joints3d")
     facts = {"masks": MASKS, "joints": JOINTS2D, "joints3d": JOINTS3D}
     joint_crops = np.tile([1.0, 0.0, 0.0], (len(views), 1)) if as_calibrated else crops
-    numbers = [np.asarray(s.numbers, dtype=np.int64) for s in streams]
+    numbers = [np.intersect1d(s.numbers, context.source_frames) for s in streams]
     captured = np.array([s.size for s in streams])
     return (
         Footage(
@@ -149,13 +150,14 @@ def run_inspection(context: Context, console: Console, output: Path | None = Non
     name = context.sequence.name
     footage, sizes = footage_of(context, joints)
     report = inspect(footage, sizes, planned_of(context))
+    footage = report.footage
     folder = output or Path(f"inspect-{name}")
     pictures = write_pictures(footage, report, folder)
     people = portraits(footage)
     seen = list(zip(people, write_portraits(footage, people, folder), strict=True))
     page = write_page(name, footage, report, pictures, folder / "index.html", seen)
     console.print(table(name, report))
-    for line in (*report.outlook, *(p.sentence for p in people if len(people) > 1), *spoken(report)):
+    for line in (*report.outlook, *who_is_who(people, report.findings), *spoken(report)):
         console.print(line, markup=False, soft_wrap=True)
     console.print(f"{name}: {report.sentence}", style=STYLE[report.verdict], markup=False, soft_wrap=True)
     console.print(f"page: {page}", markup=False, soft_wrap=True)
@@ -183,7 +185,7 @@ def rows(findings: Sequence[Finding]) -> Iterator[tuple[Finding, int]]:
     more there are."""
     kept: dict[tuple[str, FindingVerdict], list[Finding]] = {}
     for f in worst_first(findings):
-        alone = f.verdict in (FindingVerdict.BAD, FindingVerdict.DOUBTFUL)
+        alone = f.verdict in TO_MEND
         kept.setdefault((f"{f.measure} {f.about}" if alone else f.measure, f.verdict), []).append(f)
     for same in kept.values():
         yield same[0], len(same) - 1

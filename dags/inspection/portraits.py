@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,9 @@ from posegaussian.stages.following.appearance import look, together
 from posegaussian.stages.following.choice import name_of
 from posegaussian.stages.following.everybody import CANDIDATES, Everybody
 from posegaussian.stages.geometry.points import to_frames
+from posegaussian.stages.inspection.finding import Finding
 from posegaussian.stages.inspection.footage import Footage
+from posegaussian.stages.inspection.people import MEASURE as PEOPLE
 from posegaussian.storage.model.joint_sets import to_set
 
 GAP = 1e6
@@ -55,9 +58,22 @@ class Portrait:
         )
 
 
+def who_is_who(people: Sequence[Portrait], findings: Sequence[Finding]) -> list[str]:
+    """A sentence a person where there are several; before them, where `findings` know of no picture with two, how they
+    are told apart."""
+    if len(people) < 2:
+        return []
+    two_in_one = any(f.measure == PEOPLE and f.value for f in findings)
+    apart = (
+        f"people by place: {len(people)}, though no picture that was looked at shows two: cameras see different people,"
+        " or one whom they place differently (an error of calibration or detection)"
+    )
+    return [*([] if two_in_one else [apart]), *(p.sentence for p in people)]
+
+
 def portraits(footage: Footage) -> list[Portrait]:
-    """Everybody on whom two cameras agree (of a single camera everybody), in `footage.looked_at`, by the estimator
-    where it is here, else by the joints that came with the capture; nobody where there is neither."""
+    """Everybody on whom two believed cameras agree (of a single camera everybody), in `footage.looked_at`, by the
+    estimator where it is here, else by the joints that came with the capture; nobody where there is neither."""
     kind = "found" if "found" in footage.readers else "joints" if JOINTS2D in footage.facts else None
     if kind is None:
         return []
@@ -81,8 +97,8 @@ def portraits(footage: Footage) -> list[Portrait]:
 
 
 def _captured(footage: Footage, kind: str, view: int, number: int) -> np.ndarray:
-    """[P, 17, 3] COCO-17 of everybody in a picture, captured px; nobody where the camera lacks it."""
-    if number not in footage.numbers[view]:
+    """[P, 17, 3] COCO-17 of everybody in a picture, captured px; nobody where a camera lacks it or is not believed."""
+    if number not in footage.numbers[view] or view not in footage.believed:
         return np.zeros((0, 17, 3))
     reader = footage.source(kind)
     found = np.asarray(reader.read(view, number), dtype=np.float64)[:CANDIDATES]

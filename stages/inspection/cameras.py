@@ -7,6 +7,7 @@ import numpy as np
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.imaging.camera_mapping import distort, reach
 from posegaussian.stages.inspection.finding import Finding, measured, unmeasured
+from posegaussian.stages.inspection.footage import shared_numbers
 from posegaussian.storage.model.cameras import Rig
 
 DISPLACED = (0.1, 0.25)
@@ -23,6 +24,8 @@ COVERED = (0.95, 0.8)
 """Share of the calibrated picture that the captured one fills after `frames.crop`; 0.96 is a letterbox of 4 %."""
 MISSING = (0.02, 0.2)
 """Share of the frames that a camera lacks."""
+FARTHEST = 9.99
+"""Ways to a corner or border beyond which nobody asks how far."""
 
 
 def of_lens(rig: Rig, view: int) -> list[Finding]:
@@ -95,7 +98,7 @@ def _one_to_one(rig: Rig, view: int) -> Finding:
     farthest = float(np.linalg.norm(_border(rig, view), axis=1).max())
     limit = reach(d)
     shown = float(np.linalg.norm(distort(np.array([[limit, 0.0]]), d)))
-    held = min(9.99, shown / farthest)
+    held = min(FARTHEST, shown / farthest)
     sentence = (
         "the lens model is one-to-one in the whole picture"
         if held >= 1
@@ -105,11 +108,12 @@ def _one_to_one(rig: Rig, view: int) -> Finding:
         "lens model",
         [name],
         held,
-        "of the corner",
+        "times the way to the corner",
         1.0,
         0.9,
         sentence,
         "calibrate again with fewer coefficients; until then the corners stay black",
+        at_least=held == FARTHEST,
     )
 
 
@@ -152,20 +156,20 @@ def size_unexplained(name: str, captured: tuple[int, int], calibrated: tuple[int
     )
 
 
-def of_aim(rig: Rig) -> list[Finding]:
-    """Whether every camera has the point in its picture that all of them look at."""
+def of_aim(rig: Rig, believed: tuple[int, ...]) -> list[Finding]:
+    """Whether every camera has the point in its picture that all believed ones look at."""
     if len(rig) < 2:
         return [
             unmeasured(
                 "aim", list(rig.names), "of the way to the border", *ASIDE, "one camera alone looks at no common point"
             )
         ]
-    point, out = look_at_point(rig), []
+    point, out = look_at_point(rig.subset(believed)), []
     for v, name in enumerate(rig.names):
         x, y, z = rig.rotations[v] @ point + rig.world_to_camera[v, :3, 3]
         k, size = rig.intrinsics[v], rig.size[v]
         pixel = np.array([k[0, 0] * x, k[1, 1] * y]) / max(z, 1e-9) + k[:2, 2]
-        aside = 9.99 if z <= 0 else min(9.99, float(np.abs(2 * pixel / size - 1).max()))
+        aside = FARTHEST if z <= 0 else min(FARTHEST, float(np.abs(2 * pixel / size - 1).max()))
         where = (
             "behind it"
             if z <= 0
@@ -184,30 +188,33 @@ def of_aim(rig: Rig) -> list[Finding]:
                 *ASIDE,
                 f"the point all cameras look at lies {where}",
                 advice,
+                at_least=aside == FARTHEST,
             )
         )
     return out
 
 
-def of_frames(names: tuple[str, ...], numbers: list[np.ndarray]) -> list[Finding]:
+def of_frames(names: tuple[str, ...], numbers: list[np.ndarray], believed: tuple[int, ...]) -> list[Finding]:
     """Whether the cameras have pictures of the same frames; `numbers`: source frame numbers of each."""
-    every = np.unique(np.concatenate(numbers))
+    every, advice = np.unique(np.concatenate([numbers[v] for v in believed])), _cut(numbers, believed)
     out = []
     for name, have in zip(names, numbers, strict=True):
-        lacking = 1 - len(have) / len(every)
+        lacking = 1 - len(np.intersect1d(have, every)) / max(1, len(every))
         told = f"{len(have)} of the {len(every)} frames that any camera has" + (
             f", {have[0]}..{have[-1]}" if len(have) else ""
         )
-        out.append(
-            measured(
-                "frames",
-                [name],
-                lacking,
-                "missing",
-                *MISSING,
-                told,
-                "check that the recordings belong together and start together;"
-                " cut them with frames.range to what all have",
-            )
-        )
+        out.append(measured("frames", [name], lacking, "of the frames missing", *MISSING, told, advice))
     return out
+
+
+def _cut(numbers: list[np.ndarray], believed: tuple[int, ...]) -> str:
+    """How to come to frames that all believed cameras have: the setting for the longest stretch of them."""
+    check = "check that the recordings belong together and start together"
+    every, shared = np.unique(np.concatenate(numbers)), shared_numbers(numbers, believed)
+    if not len(shared):
+        return f"{check}; no frame is in all of them: leave out the shortest with views.sources"
+    places = np.searchsorted(every, shared)
+    longest = max(np.split(shared, np.flatnonzero(np.diff(places) > 1) + 1), key=len)
+    stride = int(np.diff(every).min()) if len(every) > 1 else 1
+    text = f"{longest[0]}:{longest[-1] + 1}" + (f":{stride}" if stride > 1 else "")
+    return f"{check}; cut them to what all have: frames.range={text}"

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
+from math import isinf
 
 
 class FindingVerdict(StrEnum):
@@ -16,10 +17,23 @@ class FindingVerdict(StrEnum):
     UNKNOWN = "unknown"
     NOTE = "note"
     """Neither good nor bad by itself: what counts is the whole."""
+    LEFT_OUT = "left out"
+    """Beyond its bounds, but of a camera that a run leaves out by itself: it does not count."""
 
 
-ORDER = (FindingVerdict.BAD, FindingVerdict.DOUBTFUL, FindingVerdict.UNKNOWN, FindingVerdict.NOTE, FindingVerdict.GOOD)
+ORDER = (
+    FindingVerdict.BAD,
+    FindingVerdict.DOUBTFUL,
+    FindingVerdict.LEFT_OUT,
+    FindingVerdict.UNKNOWN,
+    FindingVerdict.NOTE,
+    FindingVerdict.GOOD,
+)
 """Worst first; what could not be measured before what is good."""
+TO_MEND = ORDER[:3]
+"""Verdicts that come with advice."""
+COUNTED = (FindingVerdict.BAD, FindingVerdict.DOUBTFUL, FindingVerdict.GOOD)
+"""Verdicts that the capture's own follows from."""
 
 
 @dataclass(frozen=True)
@@ -37,12 +51,14 @@ class Finding:
     good: float
     """Good up to this value; from this value on where `good` is above `bad`."""
     bad: float
-    """Bad beyond this value."""
+    """Bad beyond this value; never where it is infinite."""
     sentence: str
     """What was found, or why nothing could be."""
     advice: str
     """What to do about it; empty where nothing needs doing."""
     verdict: FindingVerdict
+    at_least: bool = False
+    """Whether the number is a bound that the true value may lie above."""
 
     @property
     def about(self) -> str:
@@ -59,7 +75,9 @@ class Finding:
     @property
     def number(self) -> str:
         """Value with unit."""
-        return "-" if self.value is None else f"{self.value:.3g} {self.unit}".strip()
+        if self.value is None:
+            return "-"
+        return f"{'at least ' if self.at_least and self.value else ''}{self.value:.3g} {self.unit}".strip()
 
     @property
     def bounds(self) -> str:
@@ -67,7 +85,8 @@ class Finding:
         if self.good == self.bad:
             return f"at most {self.good:g}" if self.good else ""
         beyond = ("at most", "above") if self.good <= self.bad else ("at least", "below")
-        return f"good {beyond[0]} {self.good:g}, bad {beyond[1]} {self.bad:g}"
+        bad = "never bad" if isinf(self.bad) else f"bad {beyond[1]} {self.bad:g}"
+        return f"good {beyond[0]} {self.good:g}, {bad}"
 
 
 def graded(value: float, good: float, bad: float) -> FindingVerdict:
@@ -79,7 +98,15 @@ def graded(value: float, good: float, bad: float) -> FindingVerdict:
 
 
 def measured(
-    measure: str, cameras: Sequence[str], value: float, unit: str, good: float, bad: float, sentence: str, advice: str
+    measure: str,
+    cameras: Sequence[str],
+    value: float,
+    unit: str,
+    good: float,
+    bad: float,
+    sentence: str,
+    advice: str,
+    at_least: bool = False,
 ) -> Finding:
     """A finding whose verdict follows from the bounds; the advice is left out where all is good."""
     verdict = graded(value, good, bad)
@@ -93,6 +120,7 @@ def measured(
         sentence,
         "" if verdict is FindingVerdict.GOOD else advice,
         verdict,
+        at_least,
     )
 
 
@@ -101,6 +129,12 @@ def unmeasured(
 ) -> Finding:
     """A finding without a number."""
     return Finding(measure, tuple(cameras), None, unit, good, bad, why, advice, FindingVerdict.UNKNOWN)
+
+
+def left_out(finding: Finding) -> Finding:
+    """The same of a camera that a run leaves out: what is wrong with it is told, and does not count."""
+    counts = finding.verdict in (FindingVerdict.BAD, FindingVerdict.DOUBTFUL)
+    return replace(finding, verdict=FindingVerdict.LEFT_OUT) if counts else finding
 
 
 def worst_first(findings: Sequence[Finding]) -> list[Finding]:
@@ -116,6 +150,6 @@ def by_measure(findings: Sequence[Finding]) -> list[Finding]:
 
 
 def overall(findings: Sequence[Finding]) -> FindingVerdict:
-    """The worst verdict of all that could be measured; unknown where nothing could."""
-    known = [f.verdict for f in findings if f.verdict not in (FindingVerdict.UNKNOWN, FindingVerdict.NOTE)]
+    """The worst verdict of all that could be measured and counts; unknown where nothing could."""
+    known = [f.verdict for f in findings if f.verdict in COUNTED]
     return min(known, key=ORDER.index) if known else FindingVerdict.UNKNOWN

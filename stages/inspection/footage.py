@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from posegaussian.stages.imaging.color import to_display
 from posegaussian.stages.imaging.warp import Warp
 from posegaussian.stages.inspection.joint_fit import joint_offsets
 from posegaussian.stages.survey.algorithms.joints import RESIDUAL, SCORE, seen_joints
+from posegaussian.stages.survey.algorithms.silhouettes import masks_of
 from posegaussian.storage.model.cameras import Rig
 
 PICTURES = 12
@@ -82,18 +83,23 @@ def inputs_of(scope: TaskScope, footage: Footage) -> Inputs:
     return _ReaderInputs(scope, footage.readers)
 
 
+def shared_numbers(numbers: Sequence[np.ndarray], views: Sequence[int]) -> np.ndarray:
+    """Of source frame numbers by view, those that all of some views have, ascending."""
+    return reduce(np.intersect1d, [numbers[v] for v in views])
+
+
 @dataclass(eq=False)
 class Footage:
-    """A capture as an inspection sees it: all cameras are sources."""
+    """A capture as an inspection sees it: all cameras that are believed are sources."""
 
     scope: TaskScope
-    """Its cameras, and what is known of it."""
+    """Its cameras, who of them is believed, and what is known of it."""
     joint_crops: np.ndarray
     """[V, 3] the same for the pixels that joints refer to."""
     captured: np.ndarray
     """[V, 2] (width, height) px of the pictures."""
     numbers: list[np.ndarray]
-    """Source frame numbers of each view."""
+    """Source frame numbers of each view, of those that are worked on."""
     frame_rate: float
     """Frames a second."""
     readers: Mapping[str, Any]
@@ -126,19 +132,44 @@ class Footage:
         """Names of the cameras."""
         return self.rig.names
 
+    @property
+    def believed(self) -> tuple[int, ...]:
+        """Indices of the cameras that all others are compared with."""
+        return self.scope.views.sources
+
+    @cached_property
+    def left_out(self) -> tuple[int, ...]:
+        """Indices of the cameras that a run leaves out by itself."""
+        return tuple(v for v in range(len(self.rig)) if v not in self.believed)
+
+    def without(self, names: Sequence[str]) -> Footage:
+        """The same footage, of which the cameras of these names are not believed."""
+        believed = tuple(v for v in self.believed if self.names[v] not in names)
+        views = replace(self.scope.views, sources=believed)
+        return replace(self, scope=replace(self.scope, views=views)) if names else self
+
     def source(self, kind: str) -> Any:
         """A reader."""
         return self.readers[kind]
 
     @cached_property
     def inputs(self) -> Inputs:
-        """For the survey's measures of pictures and masks."""
+        """For the survey's measures of pictures and masks: of believed cameras."""
         return inputs_of(self.scope, self)
 
     @cached_property
+    def _whole(self) -> TaskScope:
+        """The scope with all cameras, believed or not."""
+        return replace(self.scope, views=replace(self.scope.views, sources=tuple(range(len(self.rig)))))
+
+    @cached_property
     def joint_inputs(self) -> Inputs:
-        """The same with the pixels that joints refer to."""
-        return inputs_of(replace(self.scope, captured_to_calibrated=self.joint_crops), self)
+        """Of all cameras, with the pixels that joints refer to."""
+        return inputs_of(replace(self._whole, captured_to_calibrated=self.joint_crops), self)
+
+    def masks(self, number: int) -> dict[int, np.ndarray]:
+        """[h, w] uint8 masks of one source frame in pixels of `rig`, of all cameras that have a picture of it."""
+        return masks_of(inputs_of(self._whole, self), number)
 
     @cached_property
     def px(self) -> np.ndarray:
@@ -152,10 +183,8 @@ class Footage:
 
     @cached_property
     def common(self) -> np.ndarray:
-        """Source frame numbers that all cameras have; of the camera with most where there is none."""
-        shared = self.numbers[0]
-        for other in self.numbers[1:]:
-            shared = np.intersect1d(shared, other)
+        """Source frame numbers that all believed cameras have; of the camera with most where there is none."""
+        shared = shared_numbers(self.numbers, self.believed)
         return shared if len(shared) else max(self.numbers, key=len)
 
     @cached_property
@@ -194,9 +223,12 @@ class Footage:
 
     @cached_property
     def joints(self) -> tuple[np.ndarray, np.ndarray]:
-        """Joints seen [F, V, 17, 3] px of `rig` and in space [F, 17, 4] in `joint_numbers`."""
+        """Joints seen [F, V, 17, 3] px of `rig` and, by the believed cameras, in space [F, 17, 4] in
+        `joint_numbers`."""
         seen = np.stack([seen_joints(self.joint_inputs, n, LOOSE) for n in self.joint_numbers])
-        return seen, np.stack([triangulate(self.rig, s, SCORE, RESIDUAL) for s in seen])
+        views = list(self.believed)
+        rig = self.rig.subset(views)
+        return seen, np.stack([triangulate(rig, s[views], SCORE, RESIDUAL) for s in seen])
 
     @cached_property
     def people(self) -> np.ndarray:

@@ -19,8 +19,9 @@ FEW = f"shares {FEWEST_POINTS} well exposed surface points, dark and bright ones
 
 
 def of_light(footage: Footage) -> list[Finding]:
-    """Exposure and white balance of every camera against the others, at surface points that they share."""
-    if len(footage.rig) < 2:
+    """Exposure and white balance of every believed camera against the others, at surface points that they share: where
+    another one sees them, nobody knows."""
+    if len(footage.believed) < 2:
         return [unmeasured("exposure", (), "stops", *LIGHT, "one camera has nobody to differ from")]
     surface = np.stack([surface_stops(footage.inputs, v, footage.numbers[v]) for v in range(len(footage.rig))])
     found = match(surface)
@@ -28,7 +29,8 @@ def of_light(footage: Footage) -> list[Finding]:
         return [unmeasured("exposure", (), "stops", *LIGHT, f"no camera {FEW} with another")]
     shared = ((surface < NONE).all(axis=-1).sum(axis=-1) >= FEWEST_POINTS) | np.eye(len(surface), dtype=bool)
     out: list[Finding] = []
-    for v, name in enumerate(footage.names):
+    for v in footage.believed:
+        name = footage.names[v]
         if (shared[v] | shared[:, v]).sum() < 2:
             out.append(unmeasured("exposure", (name,), "stops", *LIGHT, f"it {FEW} with no other camera"))
         else:
@@ -48,8 +50,9 @@ def _light(name: str, proven: float, stops: np.ndarray) -> Finding:
         "exposure",
         (name,),
         proven,
-        "stops for sure",
+        "stops",
         *LIGHT,
         told if proven > 0 else "no difference at shared surface points is beyond the error of the measure",
         ADVICE,
+        at_least=True,
     )

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import inf
 
 import numpy as np
 
@@ -29,7 +30,7 @@ TIERS = ("sharp", "good", "fair", "poor", "not fit to be shown")
 """From sixteen cameras around to what cannot be looked at."""
 TIER_ANGLES = (25.0, 50.0, 66.0)
 """Degrees between neighbours up to which the first three can be had."""
-CAMERAS = (5.0, 0.0)
+CAMERAS = (5.0, -inf)
 """Source cameras from which on a hull can close behind the subject. Fewer are never bad by themselves, but at best
 fair: in simulation two cameras 9 degrees apart come to what six that are 60 degrees apart reach."""
 COSTS = {
@@ -80,7 +81,7 @@ def of_matte(planned: Planned) -> Finding:
     told = (
         f"frames.matte: {matte}, because {why}; on other captures {low:.2f} to {high:.2f} overlap with outlines by hand"
     )
-    return measured("matte", (), (low + high) / 2, "overlap elsewhere", *MATTE, told, _better(planned))
+    return measured("matte", (), (low + high) / 2, "overlap on other captures", *MATTE, told, _better(planned))
 
 
 def _better(planned: Planned) -> str:

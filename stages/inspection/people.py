@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,8 @@ from posegaussian.stages.inspection.planned import Planned
 from posegaussian.stages.survey.algorithms.joints import SCORE
 from posegaussian.storage.model.cameras import Rig
 
-SEVERAL = (0.05, 1.0)
+MEASURE = "people"
+SEVERAL = (0.05, inf)
 """Share of the pictures that show more than one person: now and then a passer-by is left out by the views'
 agreement; never bad, as one is still reconstructed."""
 FEWEST = 5
@@ -56,11 +58,11 @@ class Finder:
 def of_people(footage: Footage, planned: Planned) -> list[Finding]:
     """One finding on the most people a picture shows, by the estimator where it is here, by the joints that came
     with the capture."""
-    unit, counted = "of the pictures with more", _counted(footage)
+    unit, counted = "of the pictures with more than one", _counted(footage)
     if not counted:
         return [
             unmeasured(
-                "people",
+                MEASURE,
                 (),
                 unit,
                 *SEVERAL,
@@ -72,7 +74,7 @@ def of_people(footage: Footage, planned: Planned) -> list[Finding]:
     if not several and "found" not in footage.readers:
         return [
             unmeasured(
-                "people",
+                MEASURE,
                 (),
                 unit,
                 *SEVERAL,
@@ -88,9 +90,7 @@ def of_people(footage: Footage, planned: Planned) -> list[Finding]:
             f"more than one person in {share:.0%} of the pictures that were looked at ({seen}); one is reconstructed:"
             " who is in most pictures and largest in them, or whom pose.subject names"
         )
-    return [
-        measured("people", (), share, unit, *SEVERAL, told, _advice(planned, footage.names[next(iter(several), 0)]))
-    ]
+    return [measured(MEASURE, (), share, unit, *SEVERAL, told, _advice(planned, footage.names[next(iter(several), 0)]))]
 
 
 def _advice(planned: Planned, name: str) -> str:
@@ -112,10 +112,10 @@ def _advice(planned: Planned, name: str) -> str:
 
 
 def _counted(footage: Footage) -> dict[int, list[int]]:
-    """People a picture by camera: as the estimator finds them in one frame, or as the given joints name them,
+    """People a picture by believed camera: as the estimator finds them in one frame, or as the given joints name them,
     whichever are more."""
-    every = range(len(footage.rig))
-    some = sorted({int(v) for v in np.rint(np.linspace(0, len(every) - 1, min(len(every), PICTURES)))})
+    every = footage.believed
+    some = sorted({every[int(i)] for i in np.rint(np.linspace(0, len(every) - 1, min(len(every), PICTURES)))})
     asked = {
         "found": (some, footage.looked_at[:1]),
         "joints": (every, footage.joint_numbers if JOINTS2D in footage.facts else []),

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+
+import numpy as np
 
 from posegaussian.stages.camera_paths.stretch import Stretch, best_stretch
 from posegaussian.stages.contract.facts import Facts
@@ -39,6 +42,16 @@ class Planned:
     """Which cameras are believed whatever they show."""
     left_out: str = ""
     """One sentence on pictures of left-out source views, where anything is known of them."""
+
+    @cached_property
+    def source_places(self) -> tuple[int, ...]:
+        """Indices in the footage of those that are reconstructed from."""
+        return tuple(self.active.index(v) for v in self.sources)
+
+    def masks_against(self, place: int, masks: Mapping[int, np.ndarray]) -> dict[int, np.ndarray]:
+        """Of masks by index in the footage, those that tell whether the one at `place` is right: its own and those that
+        a run carves with."""
+        return {v: mask for v, mask in masks.items() if v == place or v in self.source_places}
 
     @property
     def method(self) -> DepthMethod:

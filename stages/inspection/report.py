@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 from posegaussian.stages.geometry.sync import TimeOffsets
 from posegaussian.stages.inspection.cameras import of_aim, of_frames, of_lens
-from posegaussian.stages.inspection.finding import ORDER, Finding, FindingVerdict, overall, worst_first
+from posegaussian.stages.inspection.finding import (
+    ORDER,
+    TO_MEND,
+    Finding,
+    FindingVerdict,
+    left_out,
+    overall,
+    worst_first,
+)
 from posegaussian.stages.inspection.footage import Footage
 from posegaussian.stages.inspection.light import of_light
 from posegaussian.stages.inspection.matching import Matched, matched_pairs, of_matches
@@ -15,11 +24,11 @@ from posegaussian.stages.inspection.pairs import Rectified, every_pair, of_pairs
 from posegaussian.stages.inspection.people import of_people
 from posegaussian.stages.inspection.planned import Planned
 from posegaussian.stages.inspection.subject import of_focus, of_joints, of_masks, of_poses, of_time
-from posegaussian.stages.inspection.trust import of_trust
+from posegaussian.stages.inspection.trust import camera_verdicts, of_trust
 
 WORDS = {
     FindingVerdict.GOOD: "This capture is good: everything that could be measured is within bounds.",
-    FindingVerdict.DOUBTFUL: "This capture is doubtful: it can be reconstructed, but what is listed below will show.",
+    FindingVerdict.DOUBTFUL: "This capture is doubtful: it can be reconstructed, but what is doubtful will show.",
     FindingVerdict.BAD: "This capture is bad: as it is, a reconstruction will fail or be visibly wrong.",
     FindingVerdict.UNKNOWN: "Nothing of this capture could be measured.",
 }
@@ -63,20 +72,28 @@ class Report:
     offsets: TimeOffsets | None
     """How far cameras are out of step; None without joints of two cameras."""
     planned: Planned
-    """What a run will make of the capture."""
+    """What a run will make of the capture, of the believed cameras."""
+    footage: Footage
+    """What was looked at, and which of its cameras are believed."""
 
     @property
     def verdict(self) -> FindingVerdict:
-        """The worst of all."""
+        """The worst of all that count: cameras that a run leaves out by itself do not."""
         return overall(self.findings)
 
     @property
+    def left_out(self) -> str:
+        """Names of the cameras that a run leaves out by itself, one after the other."""
+        return ", ".join(self.footage.names[v] for v in self.footage.left_out)
+
+    @property
     def sentence(self) -> str:
-        """The verdict in one sentence, with what it is about."""
+        """The verdict in one sentence, with what it is about, and whom it is not about."""
         faults = dict.fromkeys(f.measure for f in worst_first(self.findings) if f.verdict is self.verdict)
         about = f" ({', '.join(faults)})" if self.verdict in (FindingVerdict.BAD, FindingVerdict.DOUBTFUL) else ""
         head, _, tail = WORDS[self.verdict].partition(":")
-        return f"{head}{about}:{tail}" if tail else head
+        gone = f" A run leaves out {self.left_out}, not counted here." if self.left_out else ""
+        return (f"{head}{about}:{tail}" if tail else head) + gone
 
     @property
     def unmeasured(self) -> list[str]:
@@ -89,17 +106,18 @@ class Report:
     @property
     def to_do(self) -> list[tuple[FindingVerdict, str, str]]:
         """(verdict, what was found, what to do), the most useful first;
-        findings with the same advice stand together."""
-        out: dict[tuple[str, str], tuple[FindingVerdict, list[Finding]]] = {}
+        findings with the same advice stand together, those on cameras that are left out apart."""
+        out: dict[tuple[str, str, bool], tuple[FindingVerdict, list[Finding]]] = {}
         for f in sorted(
             worst_first(self.findings),
             key=lambda f: (ORDER.index(f.verdict), IMPACT.index(f.measure) if f.measure in IMPACT else len(IMPACT)),
         ):
-            if f.advice and f.verdict in (FindingVerdict.BAD, FindingVerdict.DOUBTFUL):
-                out.setdefault((f.measure, f.advice), (f.verdict, []))[1].append(f)
+            if f.advice and f.verdict in TO_MEND:
+                key = f.measure, f.advice, f.verdict is FindingVerdict.LEFT_OUT
+                out.setdefault(key, (f.verdict, []))[1].append(f)
         return [
             (verdict, "; ".join(f"{f.about}: {f.sentence}" for f in same), advice)
-            for (_, advice), (verdict, same) in out.items()
+            for (_, advice, _), (verdict, same) in out.items()
         ]
 
     @property
@@ -108,6 +126,7 @@ class Report:
         spoken = {f.measure: f for f in self.findings if f.measure in ("matte", "people")}
         estimator, why = self.planned.estimator
         return [
+            *([f"run leaves out {self.left_out}: see agreement; views.trust overrules it"] if self.left_out else []),
             *pair_lines(self.planned),
             f"joints: detection.estimator comes to {estimator}, because {why}",
             f"mattes: {spoken['matte'].sentence}",
@@ -119,21 +138,25 @@ class Report:
 
 def inspect(footage: Footage, sizes: list[Finding], planned: Planned) -> Report:
     """Measure everything; `sizes` are the findings on picture sizes,
-    `planned` is what a run will make of the capture."""
+    `planned` is what a run will make of the capture.
+
+    A camera that a run leaves out by itself is compared with the believed ones, and nothing with it.
+    """
+    verdicts = camera_verdicts(footage, planned)
+    gone = {name for name, v in verdicts.items() if v.state == "left out"}
+    footage = footage.without(sorted(gone))
+    planned = replace(planned, sources=tuple(v for v in planned.sources if planned.rig.names[v] not in gone))
     pairs = every_pair(planned)
     found = matched_pairs(footage, pairs)
     time, offsets = of_time(footage)
-    cameras = [f for v in range(len(footage.rig)) for f in of_lens(footage.source_rig, v)]
-    findings = [
+    measured = [
         *sizes,
-        *of_frames(footage.names, footage.numbers),
-        *cameras,
-        *of_aim(footage.source_rig),
+        *_of_calibration(footage),
         *of_matches(footage, pairs, found),
         *of_joints(footage),
         *of_poses(footage),
-        *of_masks(footage),
-        *of_trust(footage, planned),
+        *of_masks(footage, planned),
+        *of_trust(verdicts),
         *time,
         *of_light(footage),
         *of_focus(footage),
@@ -142,4 +165,13 @@ def inspect(footage: Footage, sizes: list[Finding], planned: Planned) -> Report:
         of_cameras(planned),
         *of_pairs(planned, pairs),
     ]
-    return Report(tuple(findings), tuple(pairs), tuple(found), offsets, planned)
+    findings = [left_out(f) if gone.intersection(f.cameras) else f for f in measured]
+    return Report(tuple(findings), tuple(pairs), tuple(found), offsets, planned, footage)
+
+
+def _of_calibration(footage: Footage) -> Iterator[Finding]:
+    """What needs no picture."""
+    yield from of_frames(footage.names, footage.numbers, footage.believed)
+    for v in range(len(footage.rig)):
+        yield from of_lens(footage.source_rig, v)
+    yield from of_aim(footage.source_rig, footage.believed)

@@ -15,9 +15,10 @@ from posegaussian.stages.inspection.bundle import pair_error, refit
 from posegaussian.stages.inspection.finding import Finding, measured, unmeasured
 from posegaussian.stages.inspection.footage import LOOSE, Footage
 from posegaussian.stages.inspection.joint_fit import FEWEST, WITHIN, JointFit, joint_fit
+from posegaussian.stages.inspection.planned import Planned
 from posegaussian.stages.inspection.sharpness import edge_width
 from posegaussian.stages.survey.algorithms.joints import SCORE
-from posegaussian.stages.survey.algorithms.silhouettes import agreeing_share, masks_of
+from posegaussian.stages.survey.algorithms.silhouettes import agreeing_share
 
 RESIDUAL = (0.008, 0.016)
 """Share of the longer side, median: 2 and 4 cm on a person who fills it. Detectors alone scatter by 0.4 %."""
@@ -41,15 +42,21 @@ ADD_JOINTS = "import it with joints"
 
 
 def of_poses(footage: Footage) -> list[Finding]:
-    """Every pair's calibration by the joints: how far poses that fit the joints lie from it."""
+    """Every pair's calibration by the joints: how far poses that fit the joints lie from it. Believed cameras are
+    judged among themselves, each other one among them."""
     if JOINTS2D not in footage.facts or len(footage.rig) < 2:
         return []
+    out = _poses_among(footage, footage.believed)
+    for v in footage.left_out:
+        out += [f for f in _poses_among(footage, (*footage.believed, v)) if footage.names[v] in f.cameras]
+    return out
+
+
+def _poses_among(footage: Footage, views: tuple[int, ...]) -> list[Finding]:
     seen, space = footage.joints
     seen = np.where(seen[..., 2:] >= SCORE, seen, 0.0)
-    enough = [
-        int(v)
-        for v in np.flatnonzero(((seen[..., 2] > 0) & (space[:, None, :, 3] > 0)).sum(axis=(0, 2)) >= FEWEST_POSED)
-    ]
+    counts = ((seen[..., 2] > 0) & (space[:, None, :, 3] > 0)).sum(axis=(0, 2))
+    enough = sorted(v for v in views if counts[v] >= FEWEST_POSED)
     rig = footage.rig.subset(enough)
     found = refit(rig, seen[:, enough], space)
     if found is None:
@@ -74,7 +81,7 @@ def of_poses(footage: Footage) -> list[Finding]:
             " and pose.joints_frame first"
         )
         out.append(
-            measured("calibration by joints", names, max(0.0, off - 2 * error), "px for sure", *bounds, told, advice)
+            measured("calibration by joints", names, max(0.0, off - 2 * error), "px", *bounds, told, advice, True)
         )
     return out
 
@@ -102,9 +109,7 @@ def of_joints(footage: Footage) -> list[Finding]:
                 f"calibrate {name} again, or check that its videos and joints are of this recording; until then leave"
                 " it out with views.sources"
             )
-            out.append(
-                measured("joint residual", (name,), LOOSE * float(longest), "px at least", *bounds, told, advice)
-            )
+            out.append(measured("joint residual", (name,), LOOSE * float(longest), "px", *bounds, told, advice, True))
         elif fit is None:
             out.append(
                 unmeasured(
@@ -137,7 +142,7 @@ def of_time(footage: Footage) -> tuple[list[Finding], TimeOffsets | None]:
     if JOINTS2D not in footage.facts or len(footage.rig) < 2:
         why = NO_JOINTS if JOINTS2D not in footage.facts else "one camera has nobody to be in step with"
         return [unmeasured("time offset", (), "frames", *OFFSET, why, ADD_JOINTS if why is NO_JOINTS else "")], None
-    found = time_offsets(footage.rig, footage.tracks)
+    found = _offsets(footage)
     numbers = found.frames * footage.step
     setting = ", ".join(f"{n}: {o:.2f}" for n, o in zip(footage.names, numbers, strict=True) if round(float(o)))
     out: list[Finding] = []
@@ -175,17 +180,47 @@ def of_time(footage: Footage) -> tuple[list[Finding], TimeOffsets | None]:
                 "time offset",
                 (name,),
                 max(0.0, abs(float(found.frames[v])) - 2 * float(found.error[v])),
-                "frames for sure",
+                "frames",
                 *OFFSET,
                 late,
                 advice,
+                at_least=True,
             )
         )
     return out, found
 
 
-def of_masks(footage: Footage) -> list[Finding]:
-    """How well the given masks' outlines fit together."""
+def _offsets(footage: Footage) -> TimeOffsets:
+    """How far all cameras are out of step with the believed ones' reference. What is wrong with a camera that is left
+    out must not move the others, so its own offset alone is taken of a comparison that it has a part in."""
+    views = list(footage.believed)
+    found = time_offsets(footage.rig.subset(views), footage.tracks[:, views])
+    out = _spread(found, views, len(footage.rig))
+    for v in footage.left_out:
+        among = sorted((*views, v))
+        other = _spread(time_offsets(footage.rig.subset(among), footage.tracks[:, among]), among, len(footage.rig))
+        known = bool(other.told[v] and other.told[out.reference] and out.told[out.reference])
+        late = other.frames[v] - other.frames[out.reference] if known else 0.0
+        error = np.hypot(other.error[v], other.error[out.reference]) if known else 0.0
+        for values, own in ((out.frames, late), (out.error, error), (out.told, known), (out.motion, other.motion[v])):
+            values[v] = own
+    return out
+
+
+def _spread(found: TimeOffsets, views: list[int], count: int) -> TimeOffsets:
+    """Offsets of some of `count` cameras as of all; the others are not told."""
+
+    def of_all(values: np.ndarray) -> np.ndarray:
+        out = np.zeros(count, values.dtype)
+        out[views] = values
+        return out
+
+    told, reference = of_all(found.told), views[found.reference]
+    return TimeOffsets(of_all(found.frames), of_all(found.error), told, reference, of_all(found.motion))
+
+
+def of_masks(footage: Footage, planned: Planned) -> list[Finding]:
+    """How well each given mask's outline fits those that a run carves with."""
     if MASKS not in footage.facts:
         return [
             unmeasured(
@@ -199,10 +234,11 @@ def of_masks(footage: Footage) -> list[Finding]:
         ]
     if len(footage.rig) < 2:
         return [unmeasured("mask agreement", (), "of the rim", *AGREEMENT, "one camera's masks have nothing to fit to")]
-    masks = [masks_of(footage.inputs, n) for n in footage.looked_at]
+    masks = [footage.masks(n) for n in footage.looked_at]
     out: list[Finding] = []
     for v, name in enumerate(footage.names):
-        shares = [s for m in masks if v in m and (s := agreeing_share(footage.rig, m, v)) is not None]
+        of_frames = [agreeing_share(footage.rig, planned.masks_against(v, m), v) for m in masks if v in m]
+        shares = [s for s in of_frames if s is not None]
         if not shares:
             out.append(
                 unmeasured(
@@ -234,9 +270,9 @@ def of_masks(footage: Footage) -> list[Finding]:
 def of_focus(footage: Footage) -> list[Finding]:
     """Blur of every camera's strong edges around the subject, absolutely and against the others."""
     found = [_width(footage, v) for v in range(len(footage.rig))]
-    known = [w for w in found if w is not None]
     out: list[Finding] = []
-    for name, width in zip(footage.names, found, strict=True):
+    for v, (name, width) in enumerate(zip(footage.names, found, strict=True)):
+        others = [w for o in footage.believed if o != v and (w := found[o]) is not None]
         if width is None:
             out.append(unmeasured("focus", (name,), "px", *SHARP, "too few edges around the subject"))
             continue
@@ -244,11 +280,9 @@ def of_focus(footage: Footage) -> list[Finding]:
         out.append(
             measured("focus", (name,), width, "px", *SHARP, f"its strong edges are blurred by {width:.2f} px", advice)
         )
-        if len(known) > 1:
-            others = float(
-                np.median([w for o, w in zip(footage.names, found, strict=True) if w is not None and o != name])
-            )
-            more = float(np.sqrt(max(0.0, width**2 - others**2)))
+        if others:
+            middle = float(np.median(others))
+            more = float(np.sqrt(max(0.0, width**2 - middle**2)))
             out.append(
                 measured(
                     "blur against others",
@@ -256,7 +290,7 @@ def of_focus(footage: Footage) -> list[Finding]:
                     more,
                     "px",
                     *BLUR,
-                    f"its edges are blurred by {width:.2f} px, those of the others by {others:.2f} px",
+                    f"its edges are blurred by {width:.2f} px, those of the others by {middle:.2f} px",
                     advice,
                 )
             )
@@ -276,7 +310,7 @@ def _region(footage: Footage, view: int) -> tuple[int, int, int, int]:
     """x0, y0, x1, y1 in captured px around a person at the point all cameras look at; the whole picture where
     that person would not be in it."""
     rig, size = footage.rig, footage.captured[view]
-    body = body_points(look_at_point(rig), up_direction(rig))
+    body = body_points(look_at_point(rig.subset(footage.believed)), up_direction(rig.subset(footage.believed)))
     pixels, depth = project(body, rig.intrinsics[view], rig.world_to_camera[view])
     scale, *offset = footage.captured_to_calibrated[view]
     at = (pixels * (footage.source_rig.size[view] / rig.size[view]) - offset) / scale

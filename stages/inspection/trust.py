@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -21,14 +22,20 @@ from posegaussian.stages.survey.trust import TRUST
 MEASURE = "agreement"
 
 
-def of_trust(footage: Footage, planned: Planned) -> list[Finding]:
+ADVICE = (
+    "calibrate it again, or check that its pictures, masks and timing are of this recording; until then a run leaves it"
+    " out by itself (views.trust: all believes every camera)"
+)
+
+
+def of_trust(verdicts: Mapping[str, CameraVerdict]) -> list[Finding]:
     """Of every camera that may be a source: how far what it shows lies from what the others show."""
-    verdicts = _verdicts(footage, planned)
     return [_of_camera(v) for v in verdicts.values()]
 
 
-def _verdicts(footage: Footage, planned: Planned) -> dict[str, CameraVerdict]:
-    sources = [planned.active.index(v) for v in planned.sources]
+def camera_verdicts(footage: Footage, planned: Planned) -> dict[str, CameraVerdict]:
+    """Whom a run will believe of all cameras that may be sources, by name."""
+    sources = list(planned.source_places)
     names = tuple(footage.names[v] for v in sources)
     if len(sources) < TRUST.fewest:
         return judged_cameras(TRUST, names, planned.trust, {})
@@ -49,10 +56,6 @@ def _of_camera(verdict: CameraVerdict) -> Finding:
     if belief.measured is None:
         return unmeasured(MEASURE, names, TRUST.unit, TRUST.bound, TRUST.bound, belief.reason)
     out = verdict.state == "left out"
-    advice = (
-        f"calibrate {verdict.camera} again, or check that its pictures, masks and timing are of this recording; a run"
-        " leaves it out (views.trust: all believes every camera)"
-    )
     return Finding(
         MEASURE,
         names,
@@ -60,7 +63,7 @@ def _of_camera(verdict: CameraVerdict) -> Finding:
         TRUST.unit,
         TRUST.bound,
         TRUST.bound,
-        f"{verdict.state}: {belief.reason}",
-        advice if out else "",
-        FindingVerdict.BAD if out else FindingVerdict.GOOD,
+        belief.reason,
+        ADVICE if out else "",
+        FindingVerdict.LEFT_OUT if out else FindingVerdict.GOOD,
     )

@@ -17,7 +17,8 @@ from posegaussian.dags.inspection.inspect import footage_of, planned_of
 from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.runtime.events import Notice, TasksChanged
-from posegaussian.stages.inspection.trust import of_trust
+from posegaussian.stages.inspection.finding import FindingVerdict
+from posegaussian.stages.inspection.trust import camera_verdicts, of_trust
 from posegaussian.storage.model.errors import ConfigError
 from tests.support.pipeline import Pipeline, film
 
@@ -73,8 +74,8 @@ def spoilt(capture: Path, folder: Path, how: Spoil | None, wrong: tuple[str, ...
 
 
 def left_out_by_inspection(context: Context) -> set[str]:
-    found = of_trust(footage_of(context)[0], planned_of(context))
-    return {f.cameras[0] for f in found if f.sentence.startswith("left out")}
+    found = of_trust(camera_verdicts(footage_of(context)[0], planned_of(context)))
+    return {f.cameras[0] for f in found if f.verdict is FindingVerdict.LEFT_OUT}
 
 
 @pytest.mark.parametrize(

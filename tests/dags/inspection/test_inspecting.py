@@ -310,3 +310,23 @@ def test_pairs_of_real_captures(
 
 def test_the_command_has_its_help() -> None:
     assert "Exit status 1" in (inspect.__doc__ or "")
+
+
+def test_frames_that_are_not_worked_on_do_not_count_and_the_advice_says_which_to_take(
+    spoilt: Callable[[Callable[[Path], None]], Report], tmp_path: Path
+) -> None:
+    """One camera stopped after half of the frames: told of the whole capture, with a setting that mends it."""
+
+    def shorten(folder: Path) -> None:
+        for kind in ("images", "masks"):
+            for file in sorted((folder / kind / "cam03").iterdir())[12:]:
+                file.unlink()
+
+    whole = found(spoilt(shorten), "frames", "cam03")
+    assert whole.verdict is FindingVerdict.BAD
+    advised = re.search(r"frames\.range=\d+:\d+$", whole.advice)
+    assert advised
+    assert advised[0] == "frames.range=0:12"
+    cut = report_of(context_of(tmp_path / "copy", tmp_path / "archive", advised[0]))
+    assert {f.verdict for f in cut.findings if f.measure == "frames"} == {FindingVerdict.GOOD}
+    assert len(cut.footage.common) == 12

@@ -11,8 +11,9 @@ import numpy as np
 
 from posegaussian.dags.inspection.figures import write_portraits
 from posegaussian.dags.inspection.html_page import _people
-from posegaussian.dags.inspection.portraits import portraits
+from posegaussian.dags.inspection.portraits import portraits, who_is_who
 from posegaussian.stages.contract.facts import Facts
+from posegaussian.stages.inspection.finding import measured
 from posegaussian.stages.inspection.footage import Footage, scope_of
 from tests.stages.following.test_following import People, at, filmed
 from tests.support.walking_skeleton import ring
@@ -78,3 +79,19 @@ def test_nobody_is_shown_where_nobody_looks_and_where_nobody_is() -> None:
     blind.readers = {"pictures": Pictures()}  # type: ignore[misc]
     assert portraits(blind) == []
     assert _people([], Path()) == ""
+
+
+def test_two_people_by_place_beside_pictures_of_one_are_explained() -> None:
+    """Where a picture shows two there is nothing to explain, and of one person nothing to tell apart."""
+    two = portraits(footage(two_people()[0]))
+    alone, crowd = ([measured("people", (), share, "", 0.05, 1.0, "s", "do")] for share in (0.0, 0.5))
+    first, *sentences = who_is_who(two, alone)
+    assert first.startswith("people by place: 2, though no picture")
+    assert who_is_who(two, crowd) == sentences == [p.sentence for p in two]
+    assert who_is_who(two[:1], alone) == []
+    assert "though no picture" in _people([(p, Path(f"{p.name}.png")) for p in two], Path(), who_is_who(two, alone))
+
+
+def test_a_camera_that_is_not_believed_shows_nobody() -> None:
+    found = portraits(footage(two_people()[0]).without([RIG.names[3]]))
+    assert [p.cameras for p in found] == [dict.fromkeys(RIG.names[:3], 3)] * 2

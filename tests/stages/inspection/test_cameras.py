@@ -12,6 +12,7 @@ from posegaussian.stages.inspection.finding import Finding, FindingVerdict
 from tests.support.known_geometry import ring
 
 RIG = ring(4, (640, 480), 600.0)
+ALL = (0, 1, 2, 3)
 
 
 def named(findings: list[Finding], measure: str) -> Finding:
@@ -20,7 +21,7 @@ def named(findings: list[Finding], measure: str) -> Finding:
 
 def test_a_plain_camera_is_good() -> None:
     assert {f.verdict for v in range(4) for f in of_lens(RIG, v)} == {FindingVerdict.GOOD}
-    assert {f.verdict for f in of_aim(RIG)} == {FindingVerdict.GOOD}
+    assert {f.verdict for f in of_aim(RIG, ALL)} == {FindingVerdict.GOOD}
     assert of_sizes(RIG, 0, (640, 480), np.array([1.0, 0, 0])).verdict is FindingVerdict.GOOD
 
 
@@ -64,12 +65,29 @@ def test_a_camera_that_looks_away_is_told() -> None:
     poses = RIG.world_to_camera.copy()
     c, s = np.cos(np.pi / 3), np.sin(np.pi / 3)
     poses[2, :3] = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) @ poses[2, :3]
-    verdicts = {f.cameras[0]: f.verdict for f in of_aim(replace(RIG, world_to_camera=poses))}
+    verdicts = {f.cameras[0]: f.verdict for f in of_aim(replace(RIG, world_to_camera=poses), ALL)}
     assert verdicts[RIG.names[2]] is FindingVerdict.BAD
-    assert of_aim(RIG.subset([0]))[0].verdict is FindingVerdict.UNKNOWN
+    assert of_aim(RIG.subset([0]), (0,))[0].verdict is FindingVerdict.UNKNOWN
 
 
 def test_missing_frames_are_counted_against_all_cameras() -> None:
-    found = of_frames(("a", "b"), [np.arange(100), np.arange(50)])
+    found = of_frames(("a", "b"), [np.arange(100), np.arange(50)], (0, 1))
     assert [f.value for f in found] == [0.0, 0.5]
     assert [f.verdict for f in found] == [FindingVerdict.GOOD, FindingVerdict.BAD]
+
+
+def test_the_advice_on_missing_frames_is_the_longest_stretch_that_all_have() -> None:
+    even, dropped = np.arange(10, 60, 2), np.array([10, 14, 16, 18, 20, 40])
+    assert "frames.range=14:21:2" in of_frames(("a", "b"), [even, dropped], (0, 1))[1].advice
+    assert "leave out the shortest" in of_frames(("a", "b"), [np.arange(9), np.arange(20, 29)], (0, 1))[1].advice
+
+
+def test_a_camera_that_is_not_believed_moves_no_other() -> None:
+    """Neither the point that all look at nor the frames that they are to have."""
+    poses = RIG.world_to_camera.copy()
+    poses[2, :3, 3] += [3.0, 2.0, 0.0]
+    moved, kept = replace(RIG, world_to_camera=poses), (0, 1, 3)
+    aims = {f.cameras[0]: f.value for f in of_aim(moved, kept)}
+    alone = {f.cameras[0]: f.value for f in of_aim(moved.subset(kept), (0, 1, 2))}
+    assert {name: aims[name] for name in alone} == alone
+    assert of_frames(("a", "b"), [np.arange(50), np.arange(100)], (0,))[0].value == 0.0

@@ -2,9 +2,19 @@
 
 from __future__ import annotations
 
+from math import inf
+
 import pytest
 
-from posegaussian.stages.inspection.finding import FindingVerdict, graded, measured, overall, unmeasured, worst_first
+from posegaussian.stages.inspection.finding import (
+    FindingVerdict,
+    graded,
+    left_out,
+    measured,
+    overall,
+    unmeasured,
+    worst_first,
+)
 
 
 @pytest.mark.parametrize(
@@ -32,3 +42,19 @@ def test_worst_first_and_advice_only_where_something_is_wrong() -> None:
     assert overall([unknown]) is FindingVerdict.UNKNOWN
     assert unknown.number == "-"
     assert poor.bounds == "good at most 1, bad above 2"
+
+
+def test_a_bound_that_nothing_reaches_and_a_number_that_is_one_are_said_in_words() -> None:
+    few = measured("cameras", (), 2, "sources", 5, -inf, "s", "do")
+    assert few.verdict is FindingVerdict.DOUBTFUL
+    assert few.bounds == "good at least 5, never bad"
+    assert measured("m", ("a",), 7.28, "px", 1, 2, "s", "do", at_least=True).number == "at least 7.28 px"
+    assert measured("m", ("a",), 0.0, "px", 1, 2, "s", "do", at_least=True).number == "0 px"
+
+
+def test_what_is_wrong_with_a_camera_that_is_left_out_keeps_its_advice_and_does_not_count() -> None:
+    good, bad = (measured("m", ("a",), v, "px", 1, 2, "s", "do") for v in (0.5, 3.0))
+    assert left_out(good) == good
+    assert (left_out(bad).advice, left_out(bad).value) == ("do", 3.0)
+    assert overall([good, left_out(bad)]) is FindingVerdict.GOOD
+    assert overall([left_out(bad)]) is FindingVerdict.UNKNOWN

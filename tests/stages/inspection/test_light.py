@@ -28,7 +28,11 @@ def surface(monkeypatch: pytest.MonkeyPatch) -> np.ndarray:
 
 def footage(cameras: int = 4) -> Any:
     return SimpleNamespace(
-        rig=range(cameras), names=tuple("abcd"[:cameras]), numbers=[np.arange(3)] * cameras, inputs=None
+        rig=range(cameras),
+        believed=tuple(range(cameras)),
+        names=tuple("abcd"[:cameras]),
+        numbers=[np.arange(3)] * cameras,
+        inputs=None,
     )
 
 
