@@ -35,6 +35,10 @@ if TYPE_CHECKING:
     from posegaussian.stages.splatting.definition.scene import Gaussians
 
 
+class NoSuchFrames(UserError, ValueError):
+    """Frames that a sequence does not have under its settings, or that do not follow one another."""
+
+
 @dataclass(frozen=True)
 class ArrayInfo:
     """What an array of a sequence is."""
@@ -153,7 +157,8 @@ class OpenSequence:
 
         Args:
             array: its name, such as `depth/depth` or `rendering/orbit-1e28255c/color`.
-            frames: frame indices, for arrays that a stage makes over time; None: all. One index takes the axis away.
+            frames: frame indices, for arrays that a stage makes over time; None: all. One index takes the axis away, a
+                slice ends with the sequence, as Python's do.
             view: one camera by name or index, for arrays with a view axis; None: every view
                 that has the array, stacked: [frames, views, ...].
 
@@ -161,6 +166,7 @@ class OpenSequence:
             [frames, views, ...] as the array's `dims` say.
 
         Raises:
+            NoSuchFrames: for frames that `frames.range` leaves out, or that do not follow one another.
             ShardMissing: where a frame was not computed, or was dropped to save space.
             ArchiveError: for an array that nobody made.
         """
@@ -171,7 +177,7 @@ class OpenSequence:
                 raise ArchiveError(f"{array} is read whole: it is not made frame by frame; leave frames and view out")
             return values
         context = self.context
-        results, span = Results(context), _span(frames, context.grid.frames)
+        results, span = Results(context), _span(context, frames)
         if not spec.per_view:
             values = results.read(array, span, None)
         elif view is not None:
@@ -204,7 +210,7 @@ class OpenSequence:
     def gaussians(self, frame: int, views: Sequence[str | int] | None = None) -> Gaussians:
         """The Gaussians of one frame, N of them in world axes, metres: those of the source views, or some of them.
 
-        Raises ShardMissing where the frame was not computed.
+        Raises NoSuchFrames for a frame that `frames.range` leaves out, ShardMissing where it was not computed.
         """
         import torch
 
@@ -212,7 +218,7 @@ class OpenSequence:
 
         context = self.context
         chosen = context.views.sources if views is None else tuple(self._index(v) for v in views)
-        return frame_gaussians(Results(context), frame, chosen, torch.float32)
+        return frame_gaussians(Results(context), _span(context, frame).start, chosen, torch.float32)
 
     def plan(
         self,
@@ -275,13 +281,25 @@ def _made_over_time(array: str) -> ArraySpec | None:
     return None
 
 
-def _span(frames: range | slice | int | None, count: int) -> range:
-    """Frame indices as a range. Raises ValueError for those that are not there, and for steps."""
-    every = range(count)
+def _span(context: Context, frames: range | slice | int | None) -> range:
+    """Frame indices as a range. Raises NoSuchFrames for those that are not there, and for steps."""
+    every = range(context.grid.frames)
     if isinstance(frames, int):
-        index = every[frames]
-        return range(index, index + 1)
+        if not -len(every) <= frames < len(every):
+            raise _no_such(context, "a frame must be", frames)
+        return range(every[frames], every[frames] + 1)
     chosen = every if frames is None else every[frames] if isinstance(frames, slice) else frames
-    if chosen.step != 1 or chosen.start < 0 or chosen.stop > count:
-        raise ValueError(f"frames must be consecutive within 0..{count - 1}, got {frames}")
+    if chosen.step != 1 or chosen.start < 0 or chosen.stop > len(every):
+        raise _no_such(context, "frames must be consecutive", frames)
     return chosen
+
+
+def _no_such(context: Context, rule: str, frames: range | slice | int | None) -> NoSuchFrames:
+    count, filmed = context.grid.frames, len(context.capture.numbers)
+    others = "these are all that were filmed"
+    if count < filmed:
+        others = (
+            f"frames.range: '{context.settings.frames.range}' leaves out others of the {filmed} that were filmed;"
+            " open_archive(..., settings=['frames.range=START:STOP']) has them"
+        )
+    return NoSuchFrames(f"sequence {context.sequence.name}: {rule} within 0..{count - 1}, got {frames}; {others}")

@@ -189,8 +189,8 @@ def read_array(
     Returns [len(span), ...] without the view axis (without the frame axis for arrays that have none).
 
     Raises:
-        ShardMissing, ShardCorrupt: also when a checksum inside a shard does not match, or the array would be read from
-            other files than `files`: one that is not there would be read as zeros.
+        ShardMissing, ShardCorrupt: also when a checksum inside a shard does not match, the array ends before the span
+            does, or it would be read from other files than `files`: one that is not there would be read as zeros.
     """
     files = tuple(files)
     verify_files(sequence, files)
@@ -204,6 +204,12 @@ def read_array(
         [len(range(*i.indices(n))) for i, n in zip(index, array.shape, strict=True) if isinstance(i, slice)],
         array.dtype,
     )
+    held = dict(zip(dims, array.shape, strict=True)).get("frame", span.stop)
+    if span.stop > held:
+        raise ShardMissing(
+            f"array {name} of sequence {sequence.name} has {held} frames, and {span.start}..{span.stop - 1} (counted"
+            " from 0) are asked for; run again to make them"
+        )
     if (other := unpromised(name, array, index, files)) is not None:
         raise ShardMissing(
             f"array {name} of sequence {sequence.name} is described so that {other} is read, which no receipt promises;"
@@ -227,9 +233,10 @@ def read_frames(
     frames: range,
     view: int | None = None,
 ) -> np.ndarray:
-    """Read frames of an array that a run wrote, for export and inspection: [frames, ...].
+    """Read frames of an array that a run wrote, for export and inspection: [len(frames), ...].
 
-    `outputs` maps (partition, view) to what the receipts promise. Raises ShardMissing where a partition has none.
+    `outputs` maps (partition, view) to what the receipts promise. Raises ShardMissing where a partition has none, and
+    ShardMissing and ShardCorrupt as `read_array` does.
     """
     files: list[ShardFile] = []
     for partition in grid.touched(frames):

@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 
 import posegaussian
+from posegaussian.dags.notebook.archive import NoSuchFrames
 from posegaussian.dags.planning.plan import State
 from posegaussian.dags.planning.results import Results
-from posegaussian.storage.model.errors import ArchiveError, ShardMissing
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.storage.model.errors import ArchiveError, ShardMissing, UserError
 from tests.support.pipeline import NAME, Pipeline
 
 
@@ -60,6 +62,39 @@ def test_what_is_not_there_is_named(opened: posegaussian.OpenSequence) -> None:
         opened.read("depth/depth", range(99))
     with pytest.raises(ArchiveError, match="no group nothing"):
         opened.dataset("nothing")
+    for read in (lambda: opened.read("depth/depth", 6), lambda: opened.gaussians(99), lambda: opened.gaussians(-7)):
+        with pytest.raises(UserError, match=r"a frame must be within 0\.\.5, got -?\d+; these are all"):
+            read()
+
+
+@pytest.fixture(scope="module")
+def short(finished: Pipeline, tmp_path_factory: pytest.TempPathFactory) -> Pipeline:
+    """The archive after a run of its first three frames alone: the second partition holds one of two."""
+    copy = finished.copy(tmp_path_factory.mktemp("short") / "archive")
+    copy.with_settings("frames.range=0:3").run(selection=Selection(only=frozenset({"frames"})))
+    return copy
+
+
+@pytest.mark.parametrize("asked", ["0:6", "0:3", "0:2", "1:6", "2:4", "0:6:2", "2:3"])
+def test_every_frame_that_is_asked_for_is_read_or_refused(
+    short: Pipeline, opened: posegaussian.OpenSequence, asked: str
+) -> None:
+    """Whatever range the archive was made with and is opened with: never fewer frames, never another moment."""
+    person = posegaussian.open_archive(short.root, [*short.assignments, f"frames.range={asked}"])[NAME]
+    numbers, view = person.context.source_frames.tolist(), 0
+    for first in range(len(numbers)):
+        for last in range(first + 1, len(numbers) + 1):
+            wanted = numbers[first:last]
+            at_their_place = all(n == i for i, n in enumerate(wanted, start=first))
+            if at_their_place and max(wanted) < 3:
+                got = person.read("frames/color", range(first, last), view)
+                np.testing.assert_array_equal(got, opened.read("frames/color", slice(first, last), view))
+                continue
+            with pytest.raises(ShardMissing, match=r"of sequence person.* run again"):
+                person.read("frames/color", range(first, last), view)
+    with pytest.raises(NoSuchFrames, match=rf"within 0\.\.{len(numbers) - 1}, got 50; ") as beyond:
+        person.read("frames/color", 50, view)
+    assert ("settings=['frames.range=" in str(beyond.value)) == (len(numbers) < 6)
 
 
 def test_no_dimension_has_two_lengths_and_every_group_opens_in_xarray(opened: posegaussian.OpenSequence) -> None:

@@ -177,6 +177,16 @@ def test_a_rewritten_shorter_partition_forgets_the_frames_it_lost(tmp_path: Path
     assert write_all(fresh, DEPTH, values[:6], 6) == shorter
 
 
+def test_frames_beyond_the_last_are_missing_and_never_left_out(tmp_path: Path) -> None:
+    sequence = make_sequence(tmp_path, VIEWS, PARTITION, range(FRAMES))
+    values = make_values(DEPTH)
+    outputs = write_all(sequence, DEPTH, values[:6], 6)
+    np.testing.assert_array_equal(read_frames(sequence, DEPTH.name, outputs, GRID, range(4, 6), 0), values[4:6, 0])
+    for span in (range(4, 8), range(6, 7)):
+        with pytest.raises(ShardMissing, match=rf"has 6 frames, and {span[0]}\.\.{span[-1]} .* run again"):
+            read_frames(sequence, DEPTH.name, outputs, GRID, span, 0)
+
+
 BAD_BLOCKS = {
     "one frame too few": (lambda b: b[1:], 0),
     "a view axis too many": (lambda b: b[:, None], 0),
