@@ -7,12 +7,12 @@ computed anew, so an effect without a "before" on disk is named in words.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from posegaussian.dags.planning.results import Results
-from posegaussian.stages.frames.effects import SURFACE
+from posegaussian.stages.frames.exposures import SURFACE, compared, points_in
 from posegaussian.stages.frames.facts import EXPOSURE_MATCHING, NOISE_AVERAGING, TONE_MAPPING
 from posegaussian.stages.frames.params import resolve_matte
 from posegaussian.stages.imaging.color import to_display
@@ -97,11 +97,9 @@ def _filmed_and_worked(results: Results, frame: int, views: Sequence[int]) -> It
 
 def _matched(results: Results, frame: int, views: Sequence[int]) -> Iterator[Change]:
     """The two views whose gains differ most, before and after."""
-    context, sources = results.context, list(results.context.views.sources)
-    if not (on := _on(results, EXPOSURE_MATCHING)):
+    context, sources = results.context, results.context.views.sources
+    if not (on := _on(results, EXPOSURE_MATCHING)) or (found := match(_compared_points(results))) is None:
         return
-    found = match(np.stack([results.read(SURFACE, range(1), v) for v in sources])[:, sources])
-    assert found is not None, "the effect is on for surface points that cameras share"
     stops = dict(zip(sources, np.log2(found.gains).mean(axis=1), strict=True))
     pair = [choose(views, key=lambda v: stops[v]) for choose in (min, max)]
     if stops[pair[0]] == stops[pair[1]]:
@@ -111,6 +109,17 @@ def _matched(results: Results, frame: int, views: Sequence[int]) -> Iterator[Cha
         f"{' and '.join(context.rig.names[v] for v in pair)} as filmed, then with their gains",
         [read(results, frame, v) for read in (_filmed, _worked) for v in pair],
     )
+
+
+def _compared_points(results: Results) -> np.ndarray:
+    """[S, S, point, 3] light of the points by which gains were found that the sources' pictures have."""
+    context = results.context
+    array = compared(context.facts)
+    if array == SURFACE:
+        light = np.stack([results.read(array, range(1), v) for v in context.views.sources])
+    else:
+        light = results.read(array, range(1))
+    return points_in(replace(context.evidence("frames"), facts=context.facts, noted={array: light}))
 
 
 def _averaged(results: Results, frame: int, views: Sequence[int]) -> Iterator[Change]:

@@ -14,6 +14,8 @@ from posegaussian.dags.planning.results import Results
 from posegaussian.dags.report import changes
 from posegaussian.dags.report.changes import GAP, HEIGHT, TIMES, Change, changes_of, not_shown
 from posegaussian.dags.report.pictures import MOST_BYTES, pictures_of
+from posegaussian.stages.contract.judged import SHARED_LIGHT
+from posegaussian.stages.frames.exposures import compared
 from posegaussian.stages.imaging.exposure import Matching
 from posegaussian.storage.readers.images import read_picture
 from tests.support.pipeline import NAME, Pipeline, film
@@ -84,6 +86,20 @@ def test_gains_are_shown_of_the_two_cameras_that_they_part_most(
     held = [results.read("frames/color", range(FRAME, FRAME + 1), v)[0] for v in (1, 3)]
     for panel, wanted in zip(panels(change, 4), [*filmed, *held], strict=True):
         np.testing.assert_array_equal(panel, enlarged(wanted))
+
+
+def test_gains_are_found_by_the_points_that_the_pictures_gains_were_found_by(
+    made: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By what the judge saw of the surface where it can draw left-out views, and as for the frames themselves."""
+    asked: list[np.ndarray] = []
+    monkeypatch.setattr(changes, "match", asked.append)
+    results, found = rows(made)
+    sources = list(results.context.views.sources)
+    assert compared(results.context.facts) == SHARED_LIGHT
+    (points,) = asked
+    np.testing.assert_array_equal(points, results.read(SHARED_LIGHT, range(1))[np.ix_(sources, sources)])
+    assert "exposure_matching" not in found, "where cameras share no points there is nothing to show"
 
 
 def test_every_effect_that_is_on_is_shown_or_named(made: Pipeline) -> None:
