@@ -206,6 +206,16 @@ def reasons(context: Context, old: Mapping[str, Any], new: Mapping[str, Any]) ->
     return out
 
 
+def asked_alike(old: Mapping[str, Any], new: Mapping[str, Any]) -> bool:
+    """Whether two records are of the same settings, effects, frames and cameras, by whatever code and of whatever
+    content; effects that are undecided in `new` are not compared."""
+    return (
+        all(old.get(part) == new.get(part) for part in ("params", "seen", "bounds", "cameras"))
+        and not _effects_changed(old.get("effects", {}), new["effects"])
+        and ("worked" not in new or _covers(old.get("worked"), new["worked"]))
+    )
+
+
 def _read_around(context: Context, stage: Stage) -> list[str]:
     """Sources of which frames around the partition are read, too: another range of frames changes their digests."""
     params = context.params(stage)

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from posegaussian.dags.config.settings import validate
 from posegaussian.dags.diagnostics.effects_table import effects_reasons
+from posegaussian.dags.diagnostics.other_settings import made_otherwise
 from posegaussian.dags.diagnostics.plan_graph import StageCard, cards
 from posegaussian.dags.diagnostics.run_log import FailedTask, retry_command, still_failed
 from posegaussian.dags.diagnostics.status import Numbers, numbers, rendered_instead
 from posegaussian.dags.diagnostics.tables import grouped
 from posegaussian.dags.humanize.text import number
-from posegaussian.dags.planning.plan import Plan
+from posegaussian.dags.planning.fingerprint import asked_alike, own_parts
+from posegaussian.dags.planning.plan import Plan, State
+from posegaussian.dags.planning.receipt_index import Book
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.planning.tasks import Task, dependencies
 from posegaussian.dags.report.changes import changes_of, not_shown
 from posegaussian.dags.report.pictures import Drawn, bytes_each, most_changes, pictures_of
 from posegaussian.dags.session.session import Session
@@ -41,6 +45,8 @@ class Account:
     """Why nothing can be said of it."""
     about: str = ""
     """Frames, cameras."""
+    made_otherwise: list[str] = field(default_factory=list)
+    """A sentence where the last run had other settings: which, and the option that asks for what it made."""
     stages: Numbers = field(default_factory=dict)
     """How many tasks are done, failed, blocked, by stage."""
     plan: list[StageCard] = field(default_factory=list)
@@ -93,7 +99,7 @@ def _account(
     plan = session.plan(name, Selection())
     if texts := rendered_instead(plan):
         plan = session.plan(name, Selection(), texts)
-    context, results = plan.context, Results(plan.context, plan.book)
+    context, results = plan.context, Results(plan.context, _as_asked(plan))
     changes = changes_of(results)[: most_changes(most)]
     return Account(
         name,
@@ -102,6 +108,7 @@ def _account(
             f" {number(len(context.rig), 'camera')}"
             + (f", held out: {', '.join(context.held_out)}" if context.held_out else "")
         ),
+        made_otherwise=made_otherwise(session.archive, plan),
         stages=numbers(plan, frozenset(f.task for f in failed)),
         plan=cards([plan]),
         pictures=pictures_of(results, changes, most),
@@ -115,6 +122,21 @@ def _account(
         settings=_differing(session, name),
         libraries=_libraries(plan),
     )
+
+
+def _as_asked(plan: Plan) -> Book:
+    """The receipts of what was made under the plan's settings, of its frames and cameras, by whatever code: pictures of
+    another size or moment fit neither each other nor what was filmed."""
+    otherwise: set[Task] = set()
+    for task, verdict in plan.verdicts.items():
+        receipt = plan.book.receipts.get(task)
+        if receipt is None or verdict.state is State.FRESH:
+            continue
+        alike = asked_alike(receipt.parts, own_parts(plan.context, task))
+        if not alike or not otherwise.isdisjoint(dependencies(plan.context, task)):
+            otherwise.add(task)
+    asked = {t: r for t, r in plan.book.receipts.items() if t in plan.verdicts and t not in otherwise}
+    return replace(plan.book, receipts=asked)
 
 
 def _failed(archive: Archive, names: Sequence[str]) -> defaultdict[str, list[FailedTask]]:

@@ -86,7 +86,8 @@ def _mark(state: str) -> str:
 def _strip(account: Account) -> str:
     """What plays of a sequence."""
     strips = [p for p in account.pictures if p.kind == "strip"]
-    return _plays(strips[0]) if strips else '<span class="none">no picture</span>'
+    lacks = "made with other settings" if account.made_otherwise else "no picture"
+    return _plays(strips[0]) if strips else f'<span class="none">{lacks}</span>'
 
 
 def _card(index: int, account: Account) -> str:
@@ -99,6 +100,7 @@ def _section(index: int, account: Account) -> str:
         return "".join([*body, f'<p class="bad">{escape(account.refused)}</p></section>'])
     body += [
         f"<p>{escape(account.about)}</p>",
+        *(f"<p><b>{escape(sentence)}</b></p>" for sentence in account.made_otherwise),
         _listed("Failures", account.failures, "bad"),
         "".join(f"<pre>{escape(command)}</pre>" for command in account.retry),
         _listed("Warnings", account.warnings),

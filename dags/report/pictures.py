@@ -104,7 +104,10 @@ def _filmed(results: Results) -> list[np.ndarray]:
     width, height = context.rig.size[view]
     pictures = []
     for i in spread(np.flatnonzero(context.valid[:, view]), FRAMES):
-        color, mask = (results.read(f"frames/{a}", range(i, i + 1), view)[0] for a in ("color", "mask"))
+        try:
+            color, mask = (results.read(f"frames/{a}", range(i, i + 1), view)[0] for a in ("color", "mask"))
+        except ShardMissing:
+            continue  # a run that is not done has the frames it has
         cut = (color * (mask[..., None] / 255.0)).astype(np.uint8)
         pictures.append(_scaled(cut[:height, :width], STRIP))
     return pictures
