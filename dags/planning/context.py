@@ -406,7 +406,7 @@ class Context:
 def make_context(sequence: SequenceGroup, settings: Any, paths: tuple[str, ...] = ()) -> Context:
     """The context of a sequence; `paths` are rendered instead of the settings' ones.
 
-    Raises ConfigError when a stage refuses its settings for this capture, and for boxes of cameras that it lacks.
+    Raises ConfigError for settings that this capture cannot serve.
     """
     must_be_cameras("detection.box", settings.detection.box, sequence.capture.rig.names, sequence.name)
     context = Context(sequence, settings, paths or tuple(settings.rendering.paths or ()), asked_for=bool(paths))

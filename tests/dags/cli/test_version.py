@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from importlib.metadata import version
 
 import pytest
@@ -28,3 +30,10 @@ def test_a_shell_completes_commands(monkeypatch: pytest.MonkeyPatch) -> None:
         app, prog_name="posegaussian", env={"_POSEGAUSSIAN_COMPLETE": "complete_bash"}, standalone_mode=True
     )
     assert done.output.split() == ["export"]
+
+
+def test_python_runs_the_command_by_the_packages_name() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "posegaussian", "--version"], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == CliRunner().invoke(app, ["--version"]).stdout
