@@ -77,7 +77,7 @@ class Scene:
             outlines = outlines_for(self.cameras[v], rig, self.silhouettes, masks)
             yield (
                 v,
-                retouched(color, alpha, self.silhouettes, self.cameras[v], True, outlines, self.silhouettes)[0],
+                retouched(color, alpha, self.silhouettes, self.cameras[v], 1.0, outlines, self.silhouettes)[0],
                 color,
             )
 

@@ -34,6 +34,7 @@ from posegaussian.stages.rendering.sources import (
     angles_at,
     choose,
     faded_in,
+    outlines_refined,
     reach,
     refined_shares,
     unrefined_arrays,
@@ -129,12 +130,14 @@ class FrameRenderer:
         if not self.usable.any():
             return None
         color, alpha, masked = self._drawn(camera, False)
+        alone = 0.0
         if self.share > 0:
             *refined, more = self._drawn(camera, True)
-            fade = faded_in(angles_at(self.reader.subject, self.rig.centres, camera.centre)[self.usable])
-            color, alpha = mixed((color, alpha), (refined[0], refined[1]), self.share, fade)
+            angles = angles_at(self.reader.subject, self.rig.centres, camera.centre)[self.usable]
+            alone = outlines_refined(angles, self.share)
+            color, alpha = mixed((color, alpha), (refined[0], refined[1]), self.share, faded_in(angles), alone)
             masked += more
-        return *self._retouched(color, alpha, camera), masked
+        return *self._retouched(color, alpha, camera, alone), masked
 
     def _drawn(self, camera: Camera, refined: bool) -> tuple[torch.Tensor, torch.Tensor, int]:
         """The picture of the Gaussians before refinement, of the nearest views, or after it, of all views and the same
@@ -160,21 +163,28 @@ class FrameRenderer:
         masked = picture.masked[0] + sum(self._lifted[v, refined].masked for v in views)
         return picture.color[0], picture.alpha[0], masked
 
-    def _retouched(self, color: torch.Tensor, alpha: torch.Tensor, camera: Camera) -> tuple[torch.Tensor, torch.Tensor]:
+    def _retouched(
+        self, color: torch.Tensor, alpha: torch.Tensor, camera: Camera, alone: float
+    ) -> tuple[torch.Tensor, torch.Tensor]:
         """Colour and alpha of a picture with gaps closed, holes filled, the outline evened and the rest clipped, as far
-        as these are on."""
+        as these are on.
+
+        `alone` 0..1: how far outlines are the refined picture's alone. Then it is right, too, where it is not quite
+        opaque within them, and only holes are filled: fifteen tuning people filmed from 15 to 36 degrees apart gain
+        0.19 dB on the mean by leaving the rest (384 px; 0.00 to 0.55).
+        """
         if self.silhouettes is None:
             return color, alpha
         touched = color.cpu().numpy(), alpha.cpu().numpy()
         if self.body is not None:
             touched = closed(*touched, self.body, camera)
-        filling = HOLE_FILLING in self.facts
+        filling = 1 - alone if HOLE_FILLING in self.facts else None
         outlines = (
             outlines_for(camera, self.rig, self.silhouettes, self.reader.masks(self.i))
             if OUTLINE_EVENING in self.facts
             else None
         )
-        if filling or self.bounds is not None or outlines:
+        if filling is not None or self.bounds is not None or outlines:
             touched = retouched(*touched, self.silhouettes, camera, filling, outlines, self.bounds)
         return torch.from_numpy(touched[0]), torch.from_numpy(touched[1])
 
@@ -229,15 +239,20 @@ class FrameRenderer:
         return replace(seen, opacity=opacity, color=color)
 
 
-def mixed(unrefined: Picture, refined: Picture, share: float, fade: float) -> Picture:
+def mixed(unrefined: Picture, refined: Picture, share: float, fade: float, outlines: float) -> Picture:
     """`share` 0..1 of the refined picture where it has faded in, `fade` 1. Where it has not, 0, it lies behind the
     other: what the nearest view leaves transparent because a neighbour is to draw it, which has itself faded out there.
+
+    With `outlines` of 1 a pixel that either picture leaves transparent is the refined one's alone, one that is opaque
+    in both the mean, and between them its share grows with 1 - alpha^2 of the less opaque.
     """
     whole = torch.zeros_like(unrefined[0]), torch.zeros_like(unrefined[1])
     part = part_around(((unrefined[1] > 0) | (refined[1] > 0)).cpu().numpy(), 0)
     (color, alpha), (behind, behind_alpha) = ((p[0][part], p[1][part]) for p in (unrefined, refined))
     left = (1 - fade) * (1 - alpha)
     color, alpha = color + left[..., None] * behind, alpha + left * behind_alpha
-    s = share * fade
-    whole[0][part], whole[1][part] = s * behind + (1 - s) * color, s * behind_alpha + (1 - s) * alpha
+    thin = 1 - torch.minimum(alpha, behind_alpha).clamp(0, 1) ** 2
+    s = 1 - (1 - share * fade) * (1 - outlines * thin)
+    whole[0][part] = s[..., None] * behind + (1 - s)[..., None] * color
+    whole[1][part] = s * behind_alpha + (1 - s) * alpha
     return whole

@@ -56,7 +56,7 @@ def _ours(params: RenderingParams, facts: Facts) -> bool:
 STAGE = Stage(
     name="rendering",
     summary="Render novel views from the Gaussians of the nearest source views.",
-    version=2,
+    version=3,
     run="posegaussian.stages.peers.run:run",
     check="posegaussian.stages.rendering.run:check",
     reads=(

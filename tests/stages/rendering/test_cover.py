@@ -101,8 +101,8 @@ def grown(mask: np.ndarray, px: int) -> np.ndarray:
     return cv2.dilate(mask, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * px + 1,) * 2))
 
 
-@pytest.mark.parametrize("fill", [True, False])
-def test_clipping_with_a_margin_takes_what_lies_beyond_wider_masks_alone(fill: bool) -> None:
+@pytest.mark.parametrize("fill", [1.0, 0.0, None])
+def test_clipping_with_a_margin_takes_what_lies_beyond_wider_masks_alone(fill: float | None) -> None:
     rig, margin, everywhere = ring(16, (96, 96), 90.0), 6, np.ones((96, 96), np.float32)
     masks = {v: sphere_mask(rig, v, CENTRE, RADIUS) for v in range(1, 16)}
     silhouettes, camera = agreed(rig, masks), seen_by(rig, 0)
