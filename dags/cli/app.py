@@ -22,7 +22,7 @@ from posegaussian.dags.cli.init import init
 from posegaussian.dags.cli.inspect import inspect
 from posegaussian.dags.cli.maintenance import accept, gc, reshard, verify
 from posegaussian.dags.cli.models import models
-from posegaussian.dags.cli.options import Commands, errors
+from posegaussian.dags.cli.options import Commands, OfSequences, errors
 from posegaussian.dags.cli.report import report, view
 from posegaussian.dags.cli.results import effects, export, tradeoff
 from posegaussian.dags.cli.run import plan, run, status, why
@@ -60,16 +60,16 @@ app.add_typer(models, name="models")
 app.command("import", cls=ImportCommand)(import_capture)
 app.command()(simulate)
 app.command()(scans)
-app.command()(plan)
-app.command()(run)
-app.command()(status)
+app.command(cls=OfSequences)(plan)
+app.command(cls=OfSequences)(run)
+app.command(cls=OfSequences)(status)
 app.command()(why)
-app.command()(verify)
-app.command()(gc)
+app.command(cls=OfSequences)(verify)
+app.command(cls=OfSequences)(gc)
 app.command()(reshard)
 app.command()(accept)
 app.command()(evaluate)
-app.command()(tradeoff)
+app.command(cls=OfSequences)(tradeoff)
 app.command()(effects)
 app.command()(export)
 app.command()(inspect)

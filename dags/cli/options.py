@@ -5,11 +5,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from shlex import quote
 from typing import Annotated, Any
 
 import typer
 from rich.console import Console
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from posegaussian.dags.humanize.text import Voice
 from posegaussian.dags.planning.selection import Selection
@@ -27,6 +28,22 @@ class Commands(TyperGroup):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """The words for the command that is named."""
         return super().parse_args(ctx, [word_at_home(a) for a in args])
+
+
+class OfSequences(TyperCommand):
+    """A command that works on all sequences, or on those named by --sequence: a name without it is told so."""
+
+    allow_extra_args = True
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the words. Raises ConfigError where some are left."""
+        rest = super().parse_args(ctx, args)
+        if ctx.args:
+            raise ConfigError(
+                f"{ctx.info_name} {' '.join(ctx.args)}: a sequence is named by an option here; write"
+                f" --sequence {quote(ctx.args[0])}"
+            )
+        return rest
 
 
 ArchiveOption = Annotated[

@@ -115,8 +115,10 @@ def _said(amount: str, remark: str) -> str:
     return f"{amount} ({remark})" if remark else amount
 
 
-MARKS = {"failed": "f", "blocked": "b", "warned": "w", "stale": "s", "undecided": "u", "dropped": "d"}
+MARKS = {"failed": "f", "blocked": "b", "warned": "w", "stale": "n", "undecided": "u", "dropped": "d"}
 """What a cell of the status table says besides done of all, shortened so that ten stages fit a terminal."""
+TOLD = {"stale": "not made or not up to date"}
+"""What a mark stands for, where the word alone would say too little."""
 
 
 LONGEST_NAME = 24
@@ -135,7 +137,8 @@ def status_tables(standings: Mapping[str, Numbers], width: int) -> list[Table]:
     """
     used = [word for word in MARKS if any(cell.get(word) for row in standings.values() for cell in row.values())]
     idle = [s.name for s in STAGES if not any(row[s.name] for row in standings.values())]
-    said = [", ".join(f"{MARKS[word]} {word}" for word in used), f"no sequence needs {', '.join(idle)}" if idle else ""]
+    marks = ", ".join(f"{MARKS[word]} {TOLD.get(word, word)}" for word in used)
+    said = [marks, f"no sequence needs {', '.join(idle)}" if idle else ""]
     cells = {s.name: [_cell(row[s.name]) for row in standings.values()] for s in STAGES if s.name not in idle}
     longest = max((len(name) for name in standings), default=0)
     bands = _bands(cells, width - min(LONGEST_NAME, max(longest, len("sequence"))) - 2 * BETWEEN)

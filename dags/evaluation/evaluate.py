@@ -55,10 +55,11 @@ def measurable(session: Session, globs: Sequence[str]) -> list[str]:
     contexts = {n: Context(session.archive.sequence(n), session.configuration.for_sequence(n), ()) for n in names}
     blind = [n for n, c in contexts.items() if not c.held_out]
     if len(blind) == len(names):
-        last = contexts[blind[0]].capture.rig.names[-1]
+        first, last = blind[0], contexts[blind[0]].capture.rig.names[-1]
+        alone = "" if len(blind) == 1 else f" and {first} alone"
         raise ConfigError(
             f"evaluate: {', '.join(blind)}: no held-out camera to measure against; name cameras to keep aside, for"
-            f" example --set 'views.held_out=[{last}]'"
+            f" example --set 'views.held_out=[{last}]'{alone}"
         )
     session.say((f"{n}: left out, it has no held-out camera (views.held_out names some)" for n in blind), "yellow")
     return [n for n in names if n not in blind]

@@ -15,8 +15,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
-from posegaussian.dags.cli.app import main
+from posegaussian.dags.cli.app import app, main
+from posegaussian.storage.model.errors import ConfigError
 from tests.support.pipeline import NAME, Pipeline, film
 
 
@@ -146,6 +148,13 @@ def test_unknown_keys_are_reported_all_at_once_with_their_place(tmp_path: Path) 
         'did you mean "smoothing"',
         "pipeline.yaml:5:3 rendering.sources",
     )
+
+
+@pytest.mark.parametrize("command", ["plan", "run", "status", "verify", "gc", "tradeoff"])
+def test_a_sequence_without_its_option_is_told_how_to_be_named(command: str) -> None:
+    done = CliRunner().invoke(app, [command, "my walk"])
+    assert isinstance(done.exception, ConfigError)
+    assert str(done.exception).endswith("write --sequence 'my walk'")
 
 
 def test_an_archive_of_a_newer_format(finished: Pipeline, tmp_path: Path) -> None:
