@@ -4,6 +4,7 @@ its soft silhouette, nothing beyond it, no small holes within it, and an outline
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -105,34 +106,45 @@ def clipped(color: np.ndarray, alpha: np.ndarray, covered: np.ndarray) -> tuple[
     return (color * (less / np.where(alpha > 0, alpha, 1))[..., None]).astype(np.float32), less.astype(np.float32)
 
 
-def fillable(alpha: np.ndarray, longer: int, inner: float) -> np.ndarray:
-    """[h, w] float32 0..1: how far pixels may be closed of a picture whose `longer` side is so many px, or of a part of
-    it that holds all of its alpha [h, w]: small holes wholly, what is solid all around by `inner`.
+class Fillable(NamedTuple):
+    """What may be closed of a picture, or of a part of it that holds all of its alpha."""
 
-    A hole is a small or thin patch of less than half alpha that the opaque part surrounds: what is open to the
-    background may be background.
-    """
-    solid = alpha > 0.5
-    hole = _holes(solid, longer)
-    inside = cv2.erode((solid | hole).astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0) > 0
-    return np.where(hole, 1, np.where(inside & solid, inner, 0)).astype(np.float32)
+    hole: np.ndarray
+    """[h, w] bool: small or thin patches of less than half alpha that the opaque part surrounds: what is open to the
+    background may be background."""
+    inside: np.ndarray
+    """[h, w] bool: what is solid, and so is, or will be, all around it."""
+
+    @classmethod
+    def of(cls, alpha: np.ndarray, longer: int) -> Fillable:
+        """Of alpha [h, w] of a picture whose `longer` side is so many px."""
+        solid = alpha > 0.5
+        hole = _holes(solid, longer)
+        inside = cv2.erode((solid | hole).astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0) > 0
+        return cls(hole, inside & solid)
+
+    @property
+    def some(self) -> np.ndarray:
+        """[h, w] bool: either."""
+        return np.asarray(self.hole | self.inside)
 
 
 def filled(
-    color: np.ndarray, alpha: np.ndarray, share: np.ndarray, covered: np.ndarray, longer: int
+    color: np.ndarray, alpha: np.ndarray, where: Fillable, covered: np.ndarray, longer: int, lit: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Color [h, w, 3], premultiplied, and alpha [h, w] closed by a `share` [h, w] of what is missing to what is
-    `covered` [h, w], see `fillable`; float32.
+    """Color [h, w, 3], premultiplied, and alpha [h, w] closed up to what is `covered` [h, w]; float32.
 
-    A hole takes the mean colour of its surroundings, weighted by alpha and nearness; an opaque pixel without a
-    transparent neighbour keeps its own.
+    A hole takes the mean colour of its surroundings, weighted by alpha and nearness. An opaque pixel without a
+    transparent neighbour keeps its own, and becomes as much brighter as it becomes more opaque with `lit` of 1; with 0
+    its light stays: Gaussians that were trained on black make up by their colours for what they lack in opacity.
     """
     solid, wide = alpha > 0.5, _nearby(longer)
     nearby, weight = (cv2.GaussianBlur(a.astype(np.float32), (0, 0), wide) for a in (color, alpha))
-    more = share * np.maximum(covered - alpha, 0) * (weight > 1e-3)
+    more = np.where(where.some, np.maximum(covered - alpha, 0), 0) * (weight > 1e-3)
+    light = more * np.where(where.hole, 1, np.float32(lit))
     own = color / np.where(solid, alpha, 1)[..., None]
     around = nearby / np.maximum(weight, 1e-3)[..., None]
-    return (color + more[..., None] * np.where(solid[..., None], own, around)).astype(np.float32), (
+    return (color + light[..., None] * np.where(solid[..., None], own, around)).astype(np.float32), (
         alpha + more
     ).astype(np.float32)
 
@@ -158,17 +170,16 @@ def retouched(
     alpha: np.ndarray,
     silhouettes: Silhouettes,
     camera: Camera,
-    fill: float | None,
+    lit: float | None,
     outlines: Outlines | None,
     bounds: Silhouettes | None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Color [h, w, 3], premultiplied, and alpha [h, w] of a rendered picture with holes filled, then its outline evened
     like the `outlines` given, then clipped, as told; float32.
 
-    `fill`: how far pixels without a transparent neighbour are made opaque, 0..1, where holes are filled; None: nothing
-    is filled. The cover is asked for where it decides about something: within, as far as that is not opaque, and of
-    what is drawn at last whether it covers as much. `bounds`: beyond these, the silhouettes or wider ones, nothing is
-    left; None: nothing is clipped.
+    `lit`: how much brighter what is made more opaque becomes, see `filled`; None: nothing is filled. The cover is asked
+    for where it decides about something: within, as far as that is not opaque, and of what is drawn at last whether it
+    covers as much. `bounds`: beyond these, the silhouettes or wider ones, nothing is left; None: nothing is clipped.
     """
     longer = max(alpha.shape)
     radius = max(REACH, round(HOLE * longer))
@@ -177,11 +188,11 @@ def retouched(
     c, a = color[part].astype(np.float32), alpha[part].astype(np.float32)
     drawn, corner = a > 0, (part[0].start, part[1].start)
     known, covered = np.zeros(a.shape, bool), np.ones(a.shape, np.float32)
-    if fill is not None:
-        share = fillable(a, longer, fill)
-        known = (share > 0) & (a < 1)
+    if lit is not None:
+        where = Fillable.of(a, longer)
+        known = where.some & (a < 1)
         covered = cover(silhouettes, camera, known, corner=corner)
-        c, a = filled(c, a, share, covered, longer)
+        c, a = filled(c, a, where, covered, longer, lit)
     if outlines is not None:
         c, a = outlines.evened(c, a)
     if bounds is not None:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from posegaussian.stages.rendering.clipping import clipped, fillable, filled
+from posegaussian.stages.rendering.clipping import Fillable, clipped, filled
 
 
 def test_clipping_takes_color_and_alpha_in_proportion() -> None:
@@ -24,26 +24,27 @@ def test_small_holes_take_the_colour_around_and_large_ones_stay(hole: tuple[int,
     # A notch is open to the background.
     alpha[20:26, 40:42] = 0
     color = alpha[..., None] * np.float32([0.9, 0.4, 0.1])
-    shown, more = filled(color, alpha, fillable(alpha, 512, 1.0), np.ones_like(alpha), 512)
+    shown, more = filled(color, alpha, Fillable.of(alpha, 512), np.ones_like(alpha), 512, 1.0)
     assert (more >= alpha).all()
     assert (more[slice(*hole), slice(*hole)] > 0.99).all() == closed
     assert not more[20:25, 40:42].any()
     assert not more[alpha == 0][:1000].any()
     np.testing.assert_allclose(shown, more[..., None] * np.float32([0.9, 0.4, 0.1]), atol=1e-3)
-    bounded = filled(color, alpha, fillable(alpha, 512, 1.0), np.zeros_like(alpha), 512)
+    bounded = filled(color, alpha, Fillable.of(alpha, 512), np.zeros_like(alpha), 512, 1.0)
     np.testing.assert_array_equal(bounded[1], alpha)
 
 
-@pytest.mark.parametrize("inner", [0.0, 0.4])
-def test_what_is_solid_all_around_is_raised_as_far_as_is_told_and_holes_wholly(inner: float) -> None:
+@pytest.mark.parametrize("lit", [0.0, 0.4, 1.0])
+def test_what_is_solid_all_around_becomes_opaque_and_as_bright_as_is_told(lit: float) -> None:
     alpha = np.zeros((512, 512), np.float32)
     alpha[20:100, 20:100] = 0.9
     alpha[50:53, 50:53] = 0
-    color = alpha[..., None] * np.float32([0.9, 0.4, 0.1])
-    _, more = filled(color, alpha, fillable(alpha, 512, inner), np.ones_like(alpha), 512)
-    assert (more[50:53, 50:53] > 0.99).all()
-    np.testing.assert_allclose(more[25:45, 25:45], 0.9 + inner * 0.1, rtol=1e-6)
+    own = np.float32([0.9, 0.4, 0.1])
+    shown, more = filled(alpha[..., None] * own, alpha, Fillable.of(alpha, 512), np.ones_like(alpha), 512, lit)
+    np.testing.assert_allclose(more[21:99, 21:99], 1, atol=1e-6)
     np.testing.assert_array_equal(more[20, 20:100], alpha[20, 20:100])
+    np.testing.assert_allclose(shown[50:53, 50:53], np.broadcast_to(own, (3, 3, 3)), atol=1e-3)
+    np.testing.assert_allclose(shown[25, 25], (0.9 + lit * 0.1) * own, rtol=1e-5)
 
 
 @pytest.mark.parametrize(("width", "closed"), [(3, True), (8, False)])
@@ -53,7 +54,7 @@ def test_a_thin_crack_is_closed_however_long_unless_it_opens_to_the_background(w
     within, open_to_one_side = (slice(100, 400), slice(200, 200 + width)), (slice(50, 300), slice(300, 300 + width))
     alpha[within] = alpha[open_to_one_side] = 0
     color = alpha[..., None] * np.float32([0.9, 0.4, 0.1])
-    more = filled(color, alpha, fillable(alpha, 512, 1.0), np.ones_like(alpha), 512)[1]
+    more = filled(color, alpha, Fillable.of(alpha, 512), np.ones_like(alpha), 512, 1.0)[1]
     assert (more[within] > 0.99).all() == closed
     assert not more[within].any() or closed
     assert not more[open_to_one_side].any()

@@ -101,8 +101,8 @@ def grown(mask: np.ndarray, px: int) -> np.ndarray:
     return cv2.dilate(mask, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * px + 1,) * 2))
 
 
-@pytest.mark.parametrize("fill", [1.0, 0.0, None])
-def test_clipping_with_a_margin_takes_what_lies_beyond_wider_masks_alone(fill: float | None) -> None:
+@pytest.mark.parametrize("lit", [1.0, 0.0, None])
+def test_clipping_with_a_margin_takes_what_lies_beyond_wider_masks_alone(lit: float | None) -> None:
     rig, margin, everywhere = ring(16, (96, 96), 90.0), 6, np.ones((96, 96), np.float32)
     masks = {v: sphere_mask(rig, v, CENTRE, RADIUS) for v in range(1, 16)}
     silhouettes, camera = agreed(rig, masks), seen_by(rig, 0)
@@ -111,12 +111,12 @@ def test_clipping_with_a_margin_takes_what_lies_beyond_wider_masks_alone(fill: f
         for px in (0, margin - 1, margin + 1)
     )
     grey = np.repeat(everywhere[..., None], 3, axis=2) / 2
-    color, alpha = retouched(grey, everywhere, silhouettes, camera, fill, None, silhouettes.wider(margin))
+    color, alpha = retouched(grey, everywhere, silhouettes, camera, lit, None, silhouettes.wider(margin))
     assert (alpha[exact] > 0.99).all()
     assert (alpha[inner] > 0.5).all(), "a disc of pixels and a distance differ by less than a px"
     assert (alpha[~outer] < 0.5).all()
     assert inner.mean() > exact.mean() + 0.1, "the margin is no trifle"
     assert outer.mean() < 0.7, "something is clipped"
     np.testing.assert_allclose(color, np.repeat(alpha[..., None] / 2, 3, axis=2), atol=1e-6)
-    untouched = retouched(grey, everywhere, silhouettes, camera, fill, None, None)[1]
+    untouched = retouched(grey, everywhere, silhouettes, camera, lit, None, None)[1]
     np.testing.assert_array_equal(untouched, everywhere)
