@@ -1,8 +1,9 @@
-"""The GPU back end: projection and compositing by Triton kernels of our own, tile lists by torch's sorts on the device.
+"""The GPU back end: Triton kernels of our own, and torch's sorts on the device.
 
 project -> sort by depth -> list tiles -> composite, and back: slots -> sums of each Gaussian -> projection, cameras
-included. Nothing is added by atomics: an intersection has its slot and slots are summed in one order, so that two runs
-give the same bits.
+included. No fraction is added by atomics: an intersection has its slot and slots are summed in one order, so that two
+runs give the same bits. A picture starts some twenty kernels, and waits for the device once, to learn how many
+intersections there are: starting one takes longer than most of them work.
 
 It is the only engine. gsplat 1.5 computes something else: its constants are compiled in (alpha cap 0.999, stop at
 1e-4), its backward pass adds by atomics in whatever order, intrinsics get no gradient, and what is not finite is
@@ -20,13 +21,15 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import torch
 
 from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Gaussians
-from posegaussian.stages.splatting.gpu.tiles import GpuTileLists, list_tiles
+
+if TYPE_CHECKING:
+    from posegaussian.stages.splatting.gpu.tiles import DepthOrder, GpuTileLists
 
 log = logging.getLogger(__name__)
 ATTRIBUTES = ("mean", "rotation", "scale", "opacity", "color")
@@ -121,7 +124,7 @@ def lacks(device: torch.device) -> str | None:
 
 
 def draw(rows: torch.Tensor, lists: GpuTileLists, task: GpuJob, training: bool) -> Drawn:
-    """Composite rows [K, 16] by their lists."""
+    """Composite rows [N, 16] by their lists."""
     from posegaussian.stages.splatting.gpu.composite import composite
 
     w, h, cuts, shape = task.camera.width, task.camera.height, task.cutoffs, task.shape
@@ -153,14 +156,15 @@ def draw(rows: torch.Tensor, lists: GpuTileLists, task: GpuJob, training: bool) 
 def slot_sums(
     rows: torch.Tensor,
     lists: GpuTileLists,
+    bases: torch.Tensor,
     task: GpuJob,
     light: torch.Tensor,
     ends: torch.Tensor,
     up_picture: torch.Tensor,
     up_alpha: torch.Tensor,
 ) -> torch.Tensor:
-    """[K, SLOT] sums of each Gaussian's gradient slots, from what compositing left and the gradients of picture and
-    alpha."""
+    """[N, SLOT] sums of each Gaussian's gradient slots, nearest first as `bases` has them, from what compositing left
+    and the gradients of picture and alpha."""
     from posegaussian.stages.splatting.gpu.composite import SLOT, composite_backward
 
     w, h, cuts, shape = task.camera.width, task.camera.height, task.cutoffs, task.shape
@@ -187,50 +191,50 @@ def slot_sums(
             num_warps=shape.warps,
             enable_fp_fusion=True,
         )
-    return torch.segment_reduce(slots, "sum", offsets=lists.bases, axis=0, unsafe=True)
+    return torch.segment_reduce(slots, "sum", offsets=bases, axis=0, unsafe=True)
 
 
-class SortedRows(NamedTuple):
-    """The K Gaussians that can reach a tile, nearest first, ties by index."""
+class Projected(NamedTuple):
+    """N Gaussians as compositing reads them; see `posegaussian.stages.splatting.gpu.projection.project`."""
 
-    rows: torch.Tensor  # [K, ROW]
-    boxes: torch.Tensor  # [K, 4] int32
+    rows: torch.Tensor  # [N, ROW]
+    boxes: torch.Tensor  # [N, 4] int32
     """Tiles x0, y0, x1, y1, half open."""
-    ids: torch.Tensor  # [K] int64
-    """Which of the input's they are."""
-    masked: int
-    """Of the input's, those left out because they or their projections are not finite."""
+    depths: torch.Tensor  # [N] int32
+    """Whole numbers that sort as metres do, the largest where no tile is reached."""
+    reached: torch.Tensor  # [N] int32
+    """Tiles."""
+    tallies: torch.Tensor  # [2] int64
+    """Tiles that are reached in all, and Gaussians left out because they or their projections are not finite."""
 
 
-def project_sorted(attributes: Sequence[torch.Tensor], view: torch.Tensor, task: GpuJob) -> SortedRows:
-    """Project Gaussians, given by contiguous float32 `ATTRIBUTES`, and sort those that are seen."""
+def project(attributes: Sequence[torch.Tensor], view: torch.Tensor, task: GpuJob) -> Projected:
+    """Project Gaussians, given by contiguous float32 `ATTRIBUTES`."""
     from posegaussian.stages.splatting.gpu import projection
 
     number, opacity = len(attributes[0]), attributes[3]
-    rows = opacity.new_empty((number, projection.ROW))
-    boxes, masked = opacity.new_empty((number, 4), dtype=torch.int32), opacity.new_empty(number, dtype=torch.int32)
-    with torch.cuda.device_of(opacity):
-        projection.project[(-(-number // projection.BLOCK),)](
-            *attributes,
-            view,
-            rows,
-            boxes,
-            masked,
-            number,
-            TILE=task.shape.tile,
-            COMPENSATED=task.cutoffs.compensation,
-            BLOCK=projection.BLOCK,
-            enable_fp_fusion=False,
-        )
-    seen = torch.nonzero(boxes[:, 2])[:, 0]
-    ids = seen[torch.argsort(rows[seen, projection.DEPTH], stable=True)]
-    return SortedRows(rows[ids], boxes[ids], ids, int(masked.sum()))
+    rows, tallies = opacity.new_empty((number, projection.ROW)), opacity.new_zeros(2, dtype=torch.int64)
+    boxes, depths, reached = (opacity.new_empty(s, dtype=torch.int32) for s in ((number, 4), (number,), (number,)))
+    found = Projected(rows, boxes, depths, reached, tallies)
+    if number:
+        with torch.cuda.device_of(opacity):
+            projection.project[(-(-number // projection.BLOCK),)](
+                *attributes,
+                view,
+                *found,
+                number,
+                TILE=task.shape.tile,
+                COMPENSATED=task.cutoffs.compensation,
+                BLOCK=projection.BLOCK,
+                enable_fp_fusion=False,
+            )
+    return found
 
 
 def project_backward(
     attributes: Sequence[torch.Tensor],
     view: torch.Tensor,
-    ids: torch.Tensor,
+    order: DepthOrder,
     sums: torch.Tensor,
     task: GpuJob,
     camera: bool,
@@ -239,26 +243,28 @@ def project_backward(
     slots; a Gaussian whose gradient is beyond float32 gets none and adds none to the camera's, and is counted aloud."""
     from posegaussian.stages.splatting.gpu import projection_backward as kernels
 
-    gradients = [torch.zeros_like(values) for values in attributes]
-    shares = sums.new_zeros((len(ids) if camera else 0, kernels.CAMERA_GRADIENTS))
-    dropped = torch.empty(len(ids), dtype=torch.int32, device=sums.device)
-    with torch.cuda.device_of(sums):
-        kernels.project_backward[(-(-len(ids) // kernels.BLOCK),)](
-            *attributes[:4],
-            view,
-            ids,
-            sums,
-            *gradients,
-            shares,
-            dropped,
-            len(ids),
-            CHANNELS=task.channels,
-            COMPENSATED=task.cutoffs.compensation,
-            CAMERA=camera,
-            BLOCK=kernels.BLOCK,
-            enable_fp_fusion=False,
-        )
-    if beyond := int(dropped.sum()):
+    gradients = [torch.empty_like(values) for values in attributes]
+    number = len(order.ids)
+    shares = sums.new_empty((number if camera else 0, kernels.CAMERA_GRADIENTS))
+    dropped = torch.zeros(1, dtype=torch.int32, device=sums.device)
+    if number:
+        with torch.cuda.device_of(sums):
+            kernels.project_backward[(-(-number // kernels.BLOCK),)](
+                *attributes[:4],
+                view,
+                *order,
+                sums,
+                *gradients,
+                shares,
+                dropped,
+                number,
+                CHANNELS=task.channels,
+                COMPENSATED=task.cutoffs.compensation,
+                CAMERA=camera,
+                BLOCK=kernels.BLOCK,
+                enable_fp_fusion=False,
+            )
+    if beyond := int(dropped):
         log.warning(
             "the gradients of %d Gaussians are beyond float32 and were set to 0: their colours, scales or upstream"
             " gradients are too large",
@@ -295,29 +301,34 @@ class _Rasterize(torch.autograd.Function):
         task: GpuJob,
     ) -> Any:
         from posegaussian.stages.splatting.gpu.projection import view_of
+        from posegaussian.stages.splatting.gpu.tiles import by_depth, list_tiles
 
         training = any(ctx.needs_input_grad)
         attributes = [t.detach().contiguous() for t in (mean, rotation, scale, opacity, color)]
         view = view_of(replace(task.camera, intrinsics=intrinsics, world_to_camera=pose), task.cutoffs, mean.device)
-        projected = project_sorted(attributes, view, task)
-        lists = list_tiles(projected.boxes, task.camera, task.shape.tile)
+        projected = project(attributes, view, task)
+        order = by_depth(projected.depths, projected.reached)  # before the device is waited for
+        total, masked = projected.tallies.tolist()
+        lists = list_tiles(projected.boxes, order, total, task.camera, task.shape.tile)
         drawn = draw(projected.rows, lists, task, training)
         if training:
             # not the pictures: what is returned holds ctx, and both would live until the collector came by
-            kept = (*attributes, view, projected.rows, projected.ids, *lists, drawn.light, drawn.ends)
+            kept = (*attributes, view, projected.rows, *order, *lists, drawn.light, drawn.ends)
             ctx.save_for_backward(*kept, intrinsics, pose)
             ctx.task = task
-        ctx.mark_non_differentiable(masked := torch.tensor(projected.masked))
-        return drawn.picture, drawn.alpha, masked
+        ctx.mark_non_differentiable(left_out := torch.tensor(masked))
+        return drawn.picture, drawn.alpha, left_out
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, d_picture: torch.Tensor, d_alpha: torch.Tensor, _: Any) -> Any:
+        from posegaussian.stages.splatting.gpu.tiles import DepthOrder, GpuTileLists
+
         kept = ctx.saved_tensors
-        attributes, (view, rows, ids), lists = kept[:5], kept[5:8], GpuTileLists(*kept[8:12])
+        attributes, (view, rows), order, lists = kept[:5], kept[5:7], DepthOrder(*kept[7:9]), GpuTileLists(*kept[9:12])
         light, ends, intrinsics, pose = kept[12:]
-        sums = slot_sums(rows, lists, ctx.task, light, ends, d_picture, d_alpha)
-        gradients, found = project_backward(attributes, view, ids, sums, ctx.task, any(ctx.needs_input_grad[5:7]))
+        sums = slot_sums(rows, lists, order.bases, ctx.task, light, ends, d_picture, d_alpha)
+        gradients, found = project_backward(attributes, view, order, sums, ctx.task, any(ctx.needs_input_grad[5:7]))
         cameras = (None, None) if found is None else camera_gradients(found, intrinsics, pose)
         return (*gradients, *cameras, None)
 

@@ -43,29 +43,36 @@ _LOW_PASS, _COMPENSATION_MIN = tl.constexpr(LOW_PASS), tl.constexpr(COMPENSATION
 
 
 @triton.jit
-def _store_triple(array, at, a, b, c, listed):
-    tl.store(array + at, a, mask=listed)
-    tl.store(array + at + 1, b, mask=listed)
-    tl.store(array + at + 2, c, mask=listed)
+def _store(array, at, value, kept, listed):
+    """0 where it is not kept."""
+    tl.store(array + at, tl.where(kept, value, 0.0), mask=listed)
+
+
+@triton.jit
+def _store_triple(array, at, a, b, c, kept, listed):
+    _store(array, at, a, kept, listed)
+    _store(array, at + 1, b, kept, listed)
+    _store(array, at + 2, c, kept, listed)
 
 
 @triton.jit
 def project_backward(
-    mean, rotation, scale, opacity, view, ids, sums, d_mean, d_rotation, d_scale, d_opacity, d_color, d_camera, dropped,
-    number,
+    mean, rotation, scale, opacity, view, ids, bases, sums, d_mean, d_rotation, d_scale, d_opacity, d_color, d_camera,
+    dropped, number,
     CHANNELS: tl.constexpr, COMPENSATED: tl.constexpr, CAMERA: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    """Fill the gradients of the K Gaussians `ids` [K] int64 at their own places, from sums [K, SLOT]; with CAMERA, also
-    d_camera [K, CAMERA_GRADIENTS], what each adds to the camera's. Attributes and gradients as `project` takes the
-    former; what is not filled must be 0.
+    """Fill the gradients of the N Gaussians, at their own places, from sums [N, SLOT] in the order of `ids` [N] int64;
+    with CAMERA, also d_camera [N, CAMERA_GRADIENTS], what each adds to the camera's. Attributes and gradients as
+    `project` takes the former; 0 where `bases` [N + 1] int64 tells of no slot.
 
-    dropped [K] int32 gets 1 where one of a Gaussian's numbers is beyond float32: where it is one of its own, all of its
-    stay 0, the camera's too; where it is one of the camera's, those alone.
+    Adds to dropped [1] int32 how many have a number beyond float32: where it is one of a Gaussian's own, all of its are
+    0, the camera's too; where it is one of the camera's, those alone.
     """
     k = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     listed = k < number
     k = k.to(tl.int64)
     i = tl.load(ids + k, mask=listed, other=0)
+    seen = listed & (tl.load(bases + k + 1, mask=listed, other=0) > tl.load(bases + k, mask=listed, other=0))
     at = sums + k * _SLOT
     mass, mp, mq = triple(at, 0, listed)
     mpp, mpq, mqq = triple(at, 3, listed)
@@ -81,7 +88,7 @@ def project_backward(
     w6, w7, w8 = tl.load(view + _W + 6), tl.load(view + _W + 7), tl.load(view + _W + 8)
     # the projection once more
     x, y, z = in_camera(view, mx, my, mz)
-    z = tl.where(listed, z, 1.0)
+    z = tl.where(seen, z, 1.0)
     xz, yz = tl.div_rn(x, z), tl.div_rn(y, z)
     near_x, near_y = near_ray(view, xz, yz)
     j0, j1, j2, k0, k1, k2 = jacobian(view, near_x, near_y, z)
@@ -89,7 +96,7 @@ def project_backward(
     b0, b1, b2 = dot(k0, k1, k2, r0, r3, r6), dot(k0, k1, k2, r1, r4, r7), dot(k0, k1, k2, r2, r5, r8)
     p0, p1, p2, q0, q1, q2 = a0 * s0, a1 * s1, a2 * s2, b0 * s0, b1 * s1, b2 * s2
     a, b, c, det, sharp, n0, n1, n2 = covariance(view, p0, p1, p2, q0, q1, q2)
-    a, c, det = tl.where(listed, a, 1.0), tl.where(listed, c, 1.0), tl.where(listed, det, 1.0)
+    a, c, det = tl.where(seen, a, 1.0), tl.where(seen, c, 1.0), tl.where(seen, det, 1.0)
     wide, pivot, first, second, slope = whitening(a, b, c, det)
     # centre, and whitening
     along, across = first * mp - slope * second * mq, second * mq
@@ -142,14 +149,14 @@ def project_backward(
     sound = finite(m0) & finite(m1) & finite(m2) & finite(t0) & finite(t1) & finite(t2) & finite(d_given)
     sound &= finite(d0) & finite(d1) & finite(d2) & finite(d3) & finite(d4) & finite(d5)
     sound &= finite(d6) & finite(d7) & finite(d8) & finite(red) & finite(green) & finite(blue)
-    kept = listed & sound  # what is not written stays 0
-    _store_triple(d_mean, 3 * i, m0, m1, m2, kept)
-    _store_triple(d_rotation, 9 * i, d0, d1, d2, kept)
-    _store_triple(d_rotation, 9 * i + 3, d3, d4, d5, kept)
-    _store_triple(d_rotation, 9 * i + 6, d6, d7, d8, kept)
-    _store_triple(d_scale, 3 * i, t0, t1, t2, kept)
-    tl.store(d_opacity + i, d_given, mask=kept)
-    _store_triple(d_color, 3 * i, red, green, blue, kept)
+    kept = seen & sound
+    _store_triple(d_mean, 3 * i, m0, m1, m2, kept, listed)
+    _store_triple(d_rotation, 9 * i, d0, d1, d2, kept, listed)
+    _store_triple(d_rotation, 9 * i + 3, d3, d4, d5, kept, listed)
+    _store_triple(d_rotation, 9 * i + 6, d6, d7, d8, kept, listed)
+    _store_triple(d_scale, 3 * i, t0, t1, t2, kept, listed)
+    _store(d_opacity, i, d_given, kept, listed)
+    _store_triple(d_color, 3 * i, red, green, blue, kept, listed)
     if CAMERA:
         turn, lowered = fx * near_x + skew * near_y, fy * near_y
         i0, i1, i2 = tl.div_rn(g0, z), tl.div_rn(g1, z), tl.div_rn(g2, z)
@@ -164,12 +171,12 @@ def project_backward(
         sound &= finite(c0) & finite(c1) & finite(c2) & finite(c3) & finite(c4) & finite(c5) & finite(c6) & finite(c7)
         sound &= finite(c8) & finite(dx) & finite(dy) & finite(dz) & finite(d_fx) & finite(d_skew) & finite(d_fy)
         sound &= finite(du) & finite(dv)
-        kept, to = listed & sound, d_camera + k * _CAMERA_GRADIENTS
-        _store_triple(to, 0, c0, c1, c2, kept)
-        _store_triple(to, 3, c3, c4, c5, kept)
-        _store_triple(to, 6, c6, c7, c8, kept)
-        _store_triple(to, 9, dx, dy, dz, kept)
-        _store_triple(to, 12, d_fx, d_skew, du, kept)
-        tl.store(to + 15, d_fy, mask=kept)
-        tl.store(to + 16, dv, mask=kept)
-    tl.store(dropped + k, (~sound).to(tl.int32), mask=listed)
+        kept, to = seen & sound, d_camera + k * _CAMERA_GRADIENTS
+        _store_triple(to, 0, c0, c1, c2, kept, listed)
+        _store_triple(to, 3, c3, c4, c5, kept, listed)
+        _store_triple(to, 6, c6, c7, c8, kept, listed)
+        _store_triple(to, 9, dx, dy, dz, kept, listed)
+        _store_triple(to, 12, d_fx, d_skew, du, kept, listed)
+        _store(to, 15, d_fy, kept, listed)
+        _store(to, 16, dv, kept, listed)
+    tl.atomic_add(dropped, tl.sum((seen & ~sound).to(tl.int32), 0))

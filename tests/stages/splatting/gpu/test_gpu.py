@@ -8,7 +8,7 @@ import os
 import subprocess
 import sys
 import weakref
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -16,16 +16,17 @@ import pytest
 import torch
 
 from posegaussian.stages.splatting import rasterizer
-from posegaussian.stages.splatting.definition.projection import project
-from posegaussian.stages.splatting.definition.reference import sorted_by_depth
 from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Drawing, Gaussians, TooLarge
-from posegaussian.stages.splatting.gpu import backend, tiles
+from posegaussian.stages.splatting.gpu import backend
 from posegaussian.stages.splatting.rasterizer import rasterize
 from tests.hard_cases.extreme import scene
 from tests.hard_cases.laws import FIELDS, drawn, pictures, relative, to
 from tests.support import gaussian_scenes
 from tests.support.gaussian_scenes import GPU_DEVICE, NO_GPU, camera, cloud, draw, gaussians
 from tests.support.gsplat_reference import GSPLAT, reference_case
+
+if NO_GPU is None:
+    from posegaussian.stages.splatting.gpu import projection, tiles
 
 needs_triton = pytest.mark.skipif(NO_GPU is not None, reason=str(NO_GPU))
 QUICK = backend.Shape(tile=64, chunk=32)
@@ -208,30 +209,49 @@ def test_same_picture_as_gsplat() -> None:
     assert np.abs(torch.cat([out.color, out.alpha[..., None]], dim=2).numpy() - case.picture).max() < 1e-5
 
 
-@pytest.mark.parametrize("dtype", [torch.int32, torch.int64])
-def test_lists_hold_every_intersection_once_by_tile_and_depth(dtype: torch.dtype) -> None:
-    cam, tile = camera(37, 29), 8
-    kept = sorted_by_depth(project(cloud(40, dtype=torch.float32), cam, Cutoffs()), cam, tile)
-    ids, slots, starts, bases = tiles.list_tiles(kept.boxes.to(dtype), cam, tile)
-    across = -(-cam.width // tile)
-    expected = [
-        [
-            i
-            for i, (x0, y0, x1, y1) in enumerate(kept.boxes.tolist())
-            if x0 <= t % across < x1 and y0 <= t // across < y1
-        ]
-        for t in range(len(starts) - 1)
-    ]
+def boxes_and_depths(number: int, across: int, down: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """Boxes [N, 4] of tiles, a third of them empty, and depths [N] of which many are alike; int32."""
+    rng = np.random.default_rng(0)
+    low = rng.integers(0, [across, down], (number, 2))
+    high = np.minimum(low + rng.integers(1, 5, (number, 2)), [across, down])
+    boxes = np.concatenate([low, high], axis=1)
+    boxes[::3] = 0
+    depths = np.where(boxes[:, 2] > 0, rng.integers(1, 9, number), projection.LAST)
+    return torch.as_tensor(boxes, dtype=torch.int32), torch.as_tensor(depths, dtype=torch.int32)
+
+
+@needs_triton
+@pytest.mark.parametrize(("width", "height", "number"), [(37, 29, 700), (2904, 816, 40), (37, 29, 1), (37, 29, 0)])
+def test_lists_hold_every_intersection_once_by_tile_and_depth(width: int, height: int, number: int) -> None:
+    """Of few tiles, of more than 16 bits number, and of nothing."""
+    cam, tile = camera(width, height), 8
+    across, down = -(-width // tile), -(-height // tile)
+    boxes, depths = boxes_and_depths(number, across, down)
+    reached = (boxes[:, 2] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 1])
+    order = tiles.by_depth(depths.to(GPU_DEVICE), reached.to(GPU_DEVICE))
+    lists = tiles.list_tiles(boxes.to(GPU_DEVICE), order, int(reached.sum()), cam, tile)
+    ids, slots, starts, bases = (v.cpu() for v in (*lists, order.bases))
+    nearest = np.lexsort([np.arange(number), depths])
+    assert order.ids.tolist() == nearest.tolist()
+    expected: list[list[int]] = [[] for _ in range(across * down)]
+    for i in nearest:
+        x0, y0, x1, y1 = boxes[i].tolist()
+        for y, x in product(range(y0, y1), range(x0, x1)):
+            expected[y * across + x].append(int(i))
     assert [ids[a:b].tolist() for a, b in pairwise(starts.tolist())] == expected
     assert sorted(slots.tolist()) == list(range(len(ids)))
     # slots of a Gaussian follow each other
-    assert torch.equal(torch.searchsorted(bases, slots.long(), right=True) - 1, ids.long())
+    owners = torch.searchsorted(bases, slots.long(), right=True) - 1
+    assert torch.equal(order.ids.cpu()[owners], ids.long())
 
 
+@needs_triton
 def test_s12_more_intersections_than_places_have_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tiles, "MOST_INTERSECTIONS", 100)
+    boxes = torch.tensor([[0, 0, 6, 5]] * 60, dtype=torch.int32, device=GPU_DEVICE)
+    order = tiles.by_depth(boxes[:, 2], 5 * boxes[:, 2])
     with pytest.raises(TooLarge, match="intersections"):
-        tiles.list_tiles(torch.tensor([[0, 0, 6, 5]] * 60), camera(), 8)
+        tiles.list_tiles(boxes, order, 1800, camera(), 8)
 
 
 @pytest.mark.parametrize(
@@ -292,7 +312,7 @@ COMPILE = """
 import triton
 from triton.backends.compiler import GPUTarget
 from triton.compiler import ASTSource
-from posegaussian.stages.splatting.gpu import backend, composite, projection, projection_backward
+from posegaussian.stages.splatting.gpu import backend, composite, projection, projection_backward, tiles
 pictures = {"CHANNELS": 7, "TILE": backend.SHAPE.tile, "CHUNK": backend.SHAPE.chunk}
 projected = {"TILE": backend.SHAPE.tile, "COMPENSATED": True, "BLOCK": projection.BLOCK}
 back = {"CHANNELS": 7, "COMPENSATED": True, "CAMERA": True, "BLOCK": projection_backward.BLOCK}
@@ -302,8 +322,10 @@ given = [
      pictures | {"TRAINING": True}, own),
     (composite.composite_backward, "*fp32 *i32 *i32 *i32 *fp32 *i32 *fp32 *fp32 *fp32 fp32 fp32 i32 i32 i32",
      pictures, own),
-    (projection.project, "*fp32 " * 7 + "*i32 *i32 i32", projected, usual),
-    (projection_backward.project_backward, "*fp32 " * 5 + "*i64 " + "*fp32 " * 7 + "*i32 i32", back, usual),
+    (projection.project, "*fp32 " * 7 + "*i32 *i32 *i32 *i64 i32", projected, usual),
+    (projection_backward.project_backward, "*fp32 " * 5 + "*i64 *i64 " + "*fp32 " * 7 + "*i32 i32", back, usual),
+    (tiles.spread, "*i64 *i64 *i32 *i16 *i32 i32 i32 i32 i32", {"BLOCK": tiles.BLOCK}, {}),
+    (tiles.gather, "*i16 *i64 *i32 *i32 *i32 *i32 i32 i32 i32", {"BLOCK": tiles.BLOCK}, {}),
 ]
 for kernel, kinds, fixed, options in given:
     signature = {**dict(zip(kernel.arg_names, kinds.split())), **dict.fromkeys(fixed, "constexpr")}

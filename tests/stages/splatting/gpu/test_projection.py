@@ -17,6 +17,7 @@ from tests.support.gaussian_scenes import GPU_DEVICE, NO_GPU, cloud
 
 if NO_GPU is None:
     from posegaussian.stages.splatting.gpu.projection import DEPTH, view_of
+    from posegaussian.stages.splatting.gpu.tiles import by_depth
 
 needs_triton = pytest.mark.skipif(NO_GPU is not None, reason=str(NO_GPU))
 
@@ -41,6 +42,12 @@ def around(n: int, cam: Camera) -> Gaussians:
     return dataclasses.replace(g, mean=mean, rotation=turn[:3].T @ g.rotation, scale=scale)
 
 
+def reached_by_depth(found: backend.Projected) -> torch.Tensor:
+    """[K] which Gaussians reach a tile, nearest first."""
+    ids = by_depth(found.depths, found.reached).ids
+    return ids[found.reached[ids] > 0].cpu()
+
+
 @needs_triton
 @pytest.mark.parametrize("cutoffs", [Cutoffs(), Cutoffs(low_pass=0.3), Cutoffs(low_pass=0.3, compensation=True)])
 def test_the_projection_is_the_references(cutoffs: Cutoffs) -> None:
@@ -56,14 +63,19 @@ def test_the_projection_is_the_references(cutoffs: Cutoffs) -> None:
     kept = sorted_by_depth(projected, cam, 8)
     there = [getattr(g, n).to(GPU_DEVICE) for n in FIELDS]
     job = backend.GpuJob(cam, cutoffs, 7, backend.Shape())
-    found = backend.project_sorted(there, view_of(cam, cutoffs, GPU_DEVICE), job)
-    rows, ids = found.rows.cpu(), found.ids.cpu()
+    found = backend.project(there, view_of(cam, cutoffs, GPU_DEVICE), job)
+    tiles_in_all, masked = found.tallies.tolist()
+    ids = reached_by_depth(found)
+    rows, boxes = found.rows.cpu()[ids], found.boxes.cpu()[ids].long()
     reached = (kept.boxes[:, 2] > kept.boxes[:, 0]) & (kept.boxes[:, 3] > kept.boxes[:, 1])
-    assert 100 < found.masked == projected.masked < 157  # three are dim, some of the moved ones behind the camera
+    assert 100 < masked == projected.masked < 157  # three are dim, some of the moved ones behind the camera
     assert 150 < len(ids) < 240  # none is culled of those that stay before the camera, nor all of the others
     assert torch.equal(ids, kept.ids[reached])
     assert torch.equal(rows[:, DEPTH], kept.features[reached, DEPTH])
-    assert torch.equal(found.boxes.cpu().long(), kept.boxes[reached])
+    assert torch.equal(boxes, kept.boxes[reached])
+    count = (boxes[:, 2] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 1])
+    assert torch.equal(found.reached.cpu()[ids].long(), count)
+    assert tiles_in_all == int(found.reached.sum()) == int(count.sum())
     torch.testing.assert_close(rows[:, :14], kept.features[reached], rtol=1e-5, atol=1e-5)
 
 
@@ -94,18 +106,19 @@ def test_gradients_of_the_projection_are_those_of_autograd(cutoffs: Cutoffs, cha
     there = [getattr(g, n).to(GPU_DEVICE) for n in FIELDS]
     job = backend.GpuJob(cam, cutoffs, channels, backend.Shape())
     view = view_of(cam, cutoffs, GPU_DEVICE)
-    ids = backend.project_sorted(there, view, job).ids
-    given = torch.as_tensor(np.random.default_rng(0).normal(size=(len(ids), 16)), dtype=torch.float32)
-    found, camera_found = backend.project_backward(there, view, ids, given.to(GPU_DEVICE), job, True)
-    alone, none = backend.project_backward(there, view, ids, given.to(GPU_DEVICE), job, False)
+    projected = backend.project(there, view, job)
+    order, ids = by_depth(projected.depths, projected.reached), reached_by_depth(projected)
+    given = torch.as_tensor(np.random.default_rng(0).normal(size=(len(g.mean), 16)), dtype=torch.float32)
+    found, camera_found = backend.project_backward(there, view, order, given.to(GPU_DEVICE), job, True)
+    alone, none = backend.project_backward(there, view, order, given.to(GPU_DEVICE), job, False)
     assert none is None
     assert all(torch.equal(a, b) for a, b in zip(found, alone, strict=True))
     leaves = {n: getattr(g, n).double().requires_grad_() for n in FIELDS}
     matrices = [torch.tensor(np.asarray(m), requires_grad=True) for m in (cam.intrinsics, cam.world_to_camera)]
     kept = sorted_by_depth(project(Gaussians(**leaves), Camera(*matrices, cam.width, cam.height), cutoffs), cam, 8)
     places = {int(n): k for k, n in enumerate(kept.ids)}
-    rows = kept.features[[places[int(n)] for n in ids.cpu()], : FEATURES[channels]]
-    rows.backward(slopes(rows.detach(), given.double()))
+    rows = kept.features[[places[int(n)] for n in ids], : FEATURES[channels]]
+    rows.backward(slopes(rows.detach(), given[: len(ids)].double()))
     for name, value in zip(FIELDS, found, strict=True):
         assert relative(value.cpu(), leaves[name].grad) < 1e-5, name
     assert camera_found is not None
