@@ -35,14 +35,7 @@ LIMBS = (
 """Ends and radius of each, metres; the body stands along z."""
 GIRTH = 0.76
 """Of the radii, so that the body fills 27 % of a source picture."""
-SHAPES = (
-    backend.SHAPE,
-    backend.Shape(8, 4, 1),
-    backend.Shape(8, 8, 2),
-    backend.Shape(16, 4, 2),
-    backend.Shape(16, 8, 4),
-    backend.Shape(16, 8, 8),
-)
+SHAPES = (backend.SHAPE, backend.Shape(8, 8, 1), backend.Shape(8, 2, 1), backend.Shape(16, 4, 4))
 SIZES = (512, 1024, 2048)
 """Px of the pictures."""
 TRIED_AT = 1024

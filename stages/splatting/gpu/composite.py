@@ -5,6 +5,9 @@ A program takes the Gaussians of its list by the chunk, [CHUNK, pixels], and mul
 a scan that starts from what the chunk before has left: the product is the one that a loop over single Gaussians forms,
 however long a chunk is. It ends with its list, or when no pixel lets light through any more. What is computed, and
 where it stops: stages/splatting/definition/reference.py.
+
+Sizes of pictures are not compiled in (`do_not_specialize`): each that is a multiple of 16, and each that is not, would
+be compiled anew, for seconds.
 """
 
 from __future__ import annotations
@@ -50,7 +53,7 @@ def _payload(row, listed, k):
     return tl.load(row + (7 + k), mask=listed, other=0.0)[:, None]
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["across", "width", "height"])
 def composite(
     rows, ids, starts, picture, alpha, light, ends, alpha_min, alpha_max, stop, across, width, height,
     CHANNELS: tl.constexpr, TILE: tl.constexpr, CHUNK: tl.constexpr, TRAINING: tl.constexpr,
@@ -112,7 +115,7 @@ def composite(
         tl.store(ends + place, end, mask=shown)
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["across", "width", "height"])
 def composite_backward(
     rows, ids, slots, starts, light, ends, up_picture, up_alpha, gradients, alpha_min, alpha_max, across, width, height,
     CHANNELS: tl.constexpr, TILE: tl.constexpr, CHUNK: tl.constexpr,

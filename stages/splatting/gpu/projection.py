@@ -172,7 +172,7 @@ def _tiles(centre, half, size, TILE: tl.constexpr):
     return low, tl.where(last < first, low, high)
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["number"])
 def project(
     mean, rotation, scale, opacity, color, view, rows, boxes, depths, reached, tallies, number,
     TILE: tl.constexpr, COMPENSATED: tl.constexpr, BLOCK: tl.constexpr,

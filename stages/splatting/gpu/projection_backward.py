@@ -55,7 +55,7 @@ def _store_triple(array, at, a, b, c, kept, listed):
     _store(array, at + 2, c, kept, listed)
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["number"])
 def project_backward(
     mean, rotation, scale, opacity, view, ids, bases, sums, d_mean, d_rotation, d_scale, d_opacity, d_color, d_camera,
     dropped, number,

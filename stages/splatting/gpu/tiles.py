@@ -76,7 +76,7 @@ def list_tiles(boxes: torch.Tensor, order: DepthOrder, total: int, camera: Camer
     return GpuTileLists(ids, slots, starts)
 
 
-@triton.jit(do_not_specialize=["number", "total", "steps"])
+@triton.jit(do_not_specialize=["number", "total", "across", "steps"])
 def spread(order, bases, boxes, places, owners, number, total, across, steps, BLOCK: tl.constexpr):
     """Fill places [M], the tile of each slot, and owners [M] int32, its Gaussian; `steps`: halvings of N until one is
     left."""
