@@ -103,6 +103,6 @@ IMPORTER = Importer(
     find,
     (
         Trait(CALIBRATION, lambda base: (base / CALIBRATION).is_file()),
-        Trait("rgbs/Cam001", lambda base: bool(subfolders(base / "rgbs"))),
+        Trait("rgbs/Cam001", lambda base: bool(subfolders(base / "rgbs")), filmed=True),
     ),
 )

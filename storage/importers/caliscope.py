@@ -200,7 +200,7 @@ IMPORTER = Importer(
     CaliscopeOptions,
     find,
     (
-        Trait("videos cam_N.mp4", lambda base: or_broken(lambda: recordings(base))),
+        Trait("videos cam_N.mp4", lambda base: or_broken(lambda: recordings(base)), filmed=True),
         Trait(f"{CALIBRATION} beside them, below, or in the workspace", lambda base: bool(calibration_files(base))),
     ),
     by_definition=True,

@@ -226,6 +226,6 @@ IMPORTER = Importer(
     find,
     (
         Trait("cameras and images, .txt or .bin, in sparse/0, sparse or the folder", lambda b: bool(_model_folders(b))),
-        Trait("pictures in images or videos", _has_pictures),
+        Trait("pictures in images or videos", _has_pictures, filmed=True),
     ),
 )

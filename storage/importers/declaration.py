@@ -19,6 +19,8 @@ class Trait(NamedTuple):
     """As a sentence names it."""
     found: Callable[[Path], bool]
     """Whether a folder has it."""
+    filmed: bool = False
+    """Whether it is the pictures, videos or masks; else it is what places their cameras."""
 
 
 @dataclass(frozen=True)

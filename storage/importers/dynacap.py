@@ -117,6 +117,6 @@ IMPORTER = Importer(
     find,
     (
         Trait(CALIBRATION, _has_calibration),
-        Trait("training/img/c_00.avi", lambda base: or_broken(lambda: _videos(base))),
+        Trait("training/img/c_00.avi", lambda base: or_broken(lambda: _videos(base)), filmed=True),
     ),
 )

@@ -196,6 +196,7 @@ IMPORTER = Importer(
         Trait(
             "images/NAME/000000.jpg or videos/NAME.mp4",
             lambda base: has_pictures(base) or or_broken(lambda: videos_in(base / "videos")),
+            filmed=True,
         ),
     ),
     by_definition=True,

@@ -88,6 +88,6 @@ IMPORTER = Importer(
             "annots.npy with cams by name",
             lambda base: (base / ANNOTATIONS).exists() and or_broken(lambda: _cams(base / ANNOTATIONS)),
         ),
-        Trait("image/00", lambda base: bool(subfolders(base / "image"))),
+        Trait("image/00", lambda base: bool(subfolders(base / "image")), filmed=True),
     ),
 )

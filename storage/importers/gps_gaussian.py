@@ -171,7 +171,7 @@ IMPORTER = Importer(
     GpsOptions,
     find,
     (
-        Trait("img with a folder a sample", lambda base: bool(subfolders(base / "img"))),
+        Trait("img with a folder a sample", lambda base: bool(subfolders(base / "img")), filmed=True),
         Trait("parm/SAMPLE/0_intrinsic.npy", lambda base: any((base / "parm").glob("*/*_intrinsic.npy"))),
     ),
 )

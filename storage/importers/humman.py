@@ -97,6 +97,6 @@ IMPORTER = Importer(
     find,
     (
         Trait(CAMERAS, lambda base: (base / CAMERAS).is_file()),
-        Trait("kinect_color/kinect_000", lambda base: bool(subfolders(base / PICTURES))),
+        Trait("kinect_color/kinect_000", lambda base: bool(subfolders(base / PICTURES)), filmed=True),
     ),
 )

@@ -206,7 +206,7 @@ IMPORTER = Importer(
     find,
     (
         Trait("cameras.json that lists cameras", lambda base: or_broken(lambda: _has_cameras_json(base))),
-        Trait("pictures images/NAME/<number>.png, .jpg or .exr", has_pictures),
+        Trait("pictures images/NAME/<number>.png, .jpg or .exr", has_pictures, filmed=True),
     ),
     by_definition=True,
 )

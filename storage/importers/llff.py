@@ -149,6 +149,6 @@ IMPORTER = Importer(
     find,
     (
         Trait(POSES, lambda base: (base / POSES).is_file()),
-        Trait("CAM.mp4, or pictures in images", lambda base: _has_files(base)),
+        Trait("CAM.mp4, or pictures in images", _has_files, filmed=True),
     ),
 )

@@ -186,6 +186,10 @@ IMPORTER = Importer(
     find,
     (
         Trait("calibration_NAME.json", lambda base: any(base.glob("calibration_*.json"))),
-        Trait("hdVideos/hd_00_00.mp4 or hdImgs/00_00", lambda base: or_broken(lambda: _filmed_files(base))),
+        Trait(
+            "hdVideos/hd_00_00.mp4 or hdImgs/00_00",
+            lambda base: or_broken(lambda: _filmed_files(base)),
+            filmed=True,
+        ),
     ),
 )

@@ -124,6 +124,6 @@ IMPORTER = Importer(
     find,
     (
         Trait(CAMERA, lambda base: (base / CAMERA).is_file()),
-        Trait("masks.hdf5", lambda base: (base / "masks.hdf5").is_file()),
+        Trait("masks.hdf5", lambda base: (base / "masks.hdf5").is_file(), filmed=True),
     ),
 )

@@ -219,7 +219,7 @@ IMPORTER = Importer(
     find,
     (
         Trait("calibration *.toml with a camera's matrix, or *.qca.txt of Qualisys", _has_camera_tables),
-        Trait("videos in the folder or below", _has_videos),
+        Trait("videos in the folder or below", _has_videos, filmed=True),
     ),
     general=True,  # what Caliscope leaves, this importer could read, too
     by_definition=True,

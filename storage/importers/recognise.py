@@ -6,12 +6,10 @@ from __future__ import annotations
 import shlex
 from pathlib import Path
 
-from posegaussian.storage.importers.common import folder, natural
+from posegaussian.storage.importers.closest import held, lacking, unrecognised
+from posegaussian.storage.importers.common import folder
 from posegaussian.storage.importers.registry import IMPORTERS
 from posegaussian.storage.model.errors import SourceError
-
-SHOWN = 6
-"""Entries of a folder that a sentence names."""
 
 
 def fitting(base: Path) -> list[str]:
@@ -21,8 +19,8 @@ def fitting(base: Path) -> list[str]:
 
 
 def recognised(base: Path) -> str:
-    """The one layout of a folder. Raises SourceError, with what each layout lacks, where none fits or several do, and
-    for a folder of captures."""
+    """The one layout of a folder. Raises SourceError where none fits, with what the closest ones lack, where several
+    do, and for a folder of captures."""
     found = fitting(folder(base))
     inside = {p.name: fits for p in sorted(base.iterdir()) if p.is_dir() and (fits := fitting(p))}
     if len(inside) > 1 and not {n for fits in inside.values() for n in fits} <= {*found}:
@@ -30,23 +28,22 @@ def recognised(base: Path) -> str:
         raise SourceError(f"{base} holds several captures, {told}; give the folder of one of them")
     if len(found) > 1:
         raise SourceError(f"{base} fits the layouts {' and '.join(found)}; name the one that is meant in place of auto")
-    if not found:
+    if not found and inside:
+        ((name, fits),) = inside.items()
         raise SourceError(
-            "\n".join(
-                [
-                    f"{base} has no layout that is read; it holds {held(base)}",
-                    *(f"for the layout {name} it lacks {'; '.join(_lacking(base, name))}" for name in IMPORTERS),
-                ]
-            )
+            f"{base} is no capture, its folder {name} is one ({' or '.join(fits)}):"
+            f" posegaussian import auto {shlex.quote(str(base / name))}"
         )
+    if not found:
+        raise SourceError("\n".join(unrecognised(base)))
     return found[0]
 
 
 def explained(layout: str, base: Path) -> str:
     """What a layout expects that a folder lacks, what is there instead, and the layout that fits;
     empty where it lacks nothing."""
-    lacking = _lacking(base, layout) if base.is_dir() else []
-    if not lacking:
+    lacks = lacking(base, layout) if base.is_dir() else []
+    if not lacks:
         return ""
     other = [n for n in fitting(base) if n != layout]
     fits = (
@@ -55,16 +52,5 @@ def explained(layout: str, base: Path) -> str:
         else "no other layout fits it either"
     )
     expected = [t.expected for t in IMPORTERS[layout].traits]
-    missing = "nothing of this" if len(lacking) == len(expected) else f"no {'; no '.join(lacking)}"
+    missing = "nothing of this" if len(lacks) == len(expected) else f"no {'; no '.join(t.expected for t in lacks)}"
     return f"the layout {layout} expects {'; '.join(expected)}: {base} has {missing}. It holds {held(base)}; {fits}"
-
-
-def held(base: Path) -> str:
-    """What a folder holds, for a sentence."""
-    entries = sorted(base.iterdir(), key=lambda p: (p.is_file(), natural(p.name)))
-    named = [p.name + ("/" if p.is_dir() else "") for p in entries[:SHOWN]]
-    return ", ".join(named) + (f" and {len(entries) - SHOWN} more" if len(entries) > SHOWN else "")
-
-
-def _lacking(base: Path, layout: str) -> list[str]:
-    return [t.expected for t in IMPORTERS[layout].traits if not t.found(base)]

@@ -124,6 +124,10 @@ IMPORTER = Importer(
             f"calibration of {', '.join(f.name for f in FORMATS)}",
             lambda base: any(f.fits(p) and not f.left(p) for p in _in(base) for f in FORMATS),
         ),
-        Trait("NAME.mp4, videos/NAME.mp4 or images/NAME", lambda base: or_broken(lambda: _files(base))),
+        Trait(
+            "NAME.mp4, videos/NAME.mp4 or images/NAME",
+            lambda base: or_broken(lambda: _files(base)),
+            filmed=True,
+        ),
     ),
 )

@@ -184,6 +184,7 @@ IMPORTER = Importer(
         Trait(
             "folders of pictures Camera_... or images",
             lambda base: any(f.name == "images" or f.name.startswith("Camera") for f in subfolders(base)),
+            filmed=True,
         ),
     ),
 )

@@ -112,11 +112,81 @@ def test_no_layout_and_two(images: Path, tmp_path: Path) -> None:
     (tmp_path / "other" / "notes.txt").write_text("x")
     with pytest.raises(SourceError) as refused:
         find_capture("auto", tmp_path / "other", {})
-    told = str(refused.value).splitlines()
-    assert told[0].endswith("other has no layout that is read; it holds notes.txt")
-    assert [line.split(" it lacks ")[0] for line in told[1:]] == [f"for the layout {n}" for n in IMPORTERS]
+    base = tmp_path / "other"
+    assert str(refused.value).splitlines() == [
+        f"{base} has no layout that is read; it holds notes.txt, but no videos and no pictures",
+        (
+            "videos are looked for in the folder itself or in videos, pictures as images/CAMERA/000000.jpg, and a"
+            " calibration of the cameras beside them"
+        ),
+        f"what another layout lacks: posegaussian import LAYOUT {base}, LAYOUT being one of {', '.join(IMPORTERS)}",
+    ]
     with pytest.raises(SourceError, match="no such folder"):
         find_capture("auto", tmp_path / "none", {})
+
+
+def _told(base: Path) -> list[str]:
+    with pytest.raises(SourceError) as refused:
+        find_capture("auto", base, {})
+    return str(refused.value).splitlines()
+
+
+def test_videos_without_a_calibration_are_told_which_layouts_are_closest_and_what_to_add(tmp_path: Path) -> None:
+    for name in ("cam01.mp4", "cam02.mp4", "rig.txt"):
+        (tmp_path / name).write_bytes(b"")
+    near = ["pose2sim", "llff", "videos"]
+    others = ", ".join(n for n in IMPORTERS if n not in near)
+    elsewhere = f"posegaussian import pose2sim {tmp_path} --option calibration=FILE, or videos in place of pose2sim"
+    assert _told(tmp_path) == [
+        f"{tmp_path} has no layout that is read; it holds 2 videos, but no calibration of the cameras",
+        *(f"for the layout {n} add {IMPORTERS[n].traits[0].expected}" for n in near),
+        "rig.txt is there, but by name or content none of these",
+        "no command here calibrates cameras: COLMAP, Caliscope, Pose2Sim or FreeMoCap do",
+        f"then: posegaussian import auto {tmp_path}",
+        f"for a calibration of another name or in another folder: {elsewhere}",
+        f"what another layout lacks: posegaussian import LAYOUT {tmp_path}, LAYOUT being one of {others}",
+    ]
+
+
+def test_pictures_without_cameras_and_pictures_that_lie_elsewhere(tmp_path: Path) -> None:
+    for camera in ("a", "b", "c"):
+        (tmp_path / "images" / camera).mkdir(parents=True)
+        (tmp_path / "images" / camera / "000000.png").write_bytes(b"")
+    told = _told(tmp_path)
+    assert told[0].endswith("it holds 3 pictures (in images/a, images/b and 1 more), but no calibration of the cameras")
+    assert "for the layout images add cameras.json that lists cameras" in told
+    told = _told(tmp_path / "images" / "a")
+    assert told[0].endswith("it holds 1 picture, but not where a layout has them")
+    assert "pictures as images/CAMERA/000000.jpg" in told[1]
+
+
+def test_the_layout_that_lacks_least_is_named_alone(tmp_path: Path) -> None:
+    (tmp_path / "videos").mkdir()
+    (tmp_path / "videos" / "cam01.mp4").write_bytes(b"")
+    (tmp_path / "intri.yml").write_text("names: []\n")
+    told = _told(tmp_path)
+    assert [line for line in told if line.startswith("for the layout")] == ["for the layout easymocap add extri.yml"]
+    assert not [line for line in told if "none of these" in line]  # intri.yml is what easymocap wants
+
+
+def test_a_calibration_without_pictures_and_neither_in_its_place(tmp_path: Path) -> None:
+    (tmp_path / "cameras.json").write_text('{"pixel_center": "half", "cameras": []}')
+    told = _told(tmp_path)
+    assert told[0].endswith("it holds cameras.json, but no videos or pictures where a layout has them")
+    assert told[1:4] == [
+        "for the layout humman add kinect_color/kinect_000",
+        "for the layout images add pictures images/NAME/<number>.png, .jpg or .exr",
+        f"then: posegaussian import auto {tmp_path}",
+    ]
+    assert len(told) == 5
+
+
+def test_a_folder_around_a_capture_names_it(images: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    around = tmp_path_factory.mktemp("around")
+    shutil.copytree(images, around / "my walk")
+    assert _told(around) == [
+        f"{around} is no capture, its folder my walk is one (images): posegaussian import auto '{around}/my walk'"
+    ]
 
 
 def test_a_folder_of_captures_names_them(
