@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from posegaussian.stages.camera_paths.gaps import gap_notes
 from posegaussian.stages.camera_paths.stretch import stretch_notes
 from posegaussian.stages.contract.declaration import Evidence
 from posegaussian.stages.depth.params import resolve_method
@@ -11,8 +12,8 @@ from posegaussian.stages.geometry.subject import subject_distance
 
 
 def notes(evidence: Evidence) -> list[str]:
-    """Sentences on pairs that are not matched, on what a single source view gives, and on cameras that a path between
-    the others leaves out."""
+    """Sentences on pairs that are not matched, on what a single source view gives, on cameras that a path between the
+    others leaves out, and on gaps that a path crosses."""
     params, rig, sources = evidence.params, evidence.rig, evidence.sources
     method = resolve_method(params, evidence.facts)
     paths = {path.name: path for path in evidence.targets}
@@ -20,4 +21,8 @@ def notes(evidence: Evidence) -> list[str]:
     if len(sources) == 1:
         distance = subject_distance(rig, sources[0], params.subject_distance)
         found += cone_notes(rig, sources[0], distance, method.alone_note(distance), method.useful_angle, paths)
-    return found + stretch_notes(rig, sources, params.max_angle, paths)
+    return [
+        *found,
+        *stretch_notes(rig, sources, params.max_angle, paths),
+        *gap_notes(rig, sources, params.max_angle, paths),
+    ]
