@@ -216,17 +216,20 @@ def why(
     sequence: Annotated[str, typer.Argument(help="Name of the sequence.")],
     stage: Annotated[str, typer.Argument(help="Name of the stage.")],
     partition: Annotated[
-        int | None, typer.Argument(help="Number of a partition; default: all that are not fresh.")
+        int | None,
+        typer.Argument(help="Number of a partition to tell task by task; default: all that are not fresh, in short."),
     ] = None,
     archive: ArchiveOption = None,
     config: ConfigOption = None,
     assignments: SetOption = None,
 ) -> None:
-    """Show the chain of reasons why a stage would run.
+    """Show why a stage would run: the first cause, and what each stage on the way says; for one partition the chain of
+    reasons, task by task.
 
     Example: posegaussian why balance depth 3
     """
     from posegaussian.dags.diagnostics.run_log import still_failed
+    from posegaussian.dags.planning.explain import by_stage, first_cause
     from posegaussian.dags.planning.explain import why as chain
     from posegaussian.dags.planning.plan import State
 
@@ -242,13 +245,22 @@ def why(
             f"{stage} of {sequence} has no partition {partition};"
             f" it has {len(p.context.grid.partitions)}, counted from 0"
         )
-    for failure in still_failed(session.archive, [p.context.sequence.name]):
-        if failure.task in chosen:
-            label, when = failure.task.label(p.context.views.names), failure.when[:19].replace("T", " ")
-            say([f"{label} failed {when} UTC: {failure.error}"], "red")
     stale = [t for t in chosen if p.verdicts[t].state is not State.FRESH]
-    for t in stale or chosen[:1]:
-        say(chain(p, t))
+    short = partition is None and bool(stale) and stale[0].partition is not None
+    failures = [f for f in still_failed(session.archive, [p.context.sequence.name]) if f.task in chosen]
+    for failure in failures[:1] if short else failures:
+        label, when = failure.task.label(p.context.views.names), failure.when[:19].replace("T", " ")
+        say([f"{label} failed {when} UTC: {failure.error}"], "red")
+    if short and len(failures) > 1:
+        say([next_command("status", "--failed", *session.options, lead=f"and {len(failures) - 1} more")], "red")
+    if stale:
+        say([first_cause(p, stale)])
+    if short:
+        say(by_stage(p, stale))
+        say([next_command("why", sequence, stage, str(stale[0].partition), *session.options, lead="task by task")])
+    else:
+        for t in stale or chosen[:1]:
+            say(chain(p, t))
     if not stale:
         console.print(f"{stage}: all {len(chosen)} fresh", markup=False)
     following = ["run", "--sequence", p.context.sequence.name] if stale else ["status"]

@@ -11,12 +11,10 @@ from rich.table import Table
 
 from posegaussian.dags.diagnostics.status import Numbers
 from posegaussian.dags.humanize.text import gigabytes, number, seconds_text
+from posegaussian.dags.planning.explain import told
 from posegaussian.dags.planning.forecast import Projection
 from posegaussian.dags.planning.plan import Plan, State
 from posegaussian.stages.registry import STAGES
-
-MOST_REASONS = 4
-"""Different reasons shown for one stage; the rest is counted."""
 
 
 def plan_table(plan: Plan) -> Table:
@@ -47,27 +45,15 @@ def plan_table(plan: Plan) -> Table:
             reason = plan.unneeded.get(stage.name, "no camera path with truth is asked for")
             table.add_row(stage.name, "-", *[""] * (len(states) + dropped), f"not needed: {escape(reason)}")
             continue
-        reasons = Counter(
-            r
-            for v in plan.verdicts.values()
-            if v.task.stage == stage.name and v.state is not State.FRESH
-            for r in v.reasons
-        )
         of_dropped = [str(plan.dropped(stage.name) or "")] if dropped else []
         table.add_row(
             stage.name,
             str(counts.total()),
             *(str(counts[s] or "") for s in states),
             *of_dropped,
-            escape("; ".join(_counted(reasons))),
+            escape(told(v for v in plan.verdicts.values() if v.task.stage == stage.name)),
         )
     return table
-
-
-def _counted(reasons: Counter[str]) -> list[str]:
-    shown = [f"{r} ({n}x)" if n > 1 else r for r, n in reasons.most_common(MOST_REASONS)]
-    rest = len(reasons) - len(shown)
-    return [*shown, f"and {number(rest, 'more reason')}"] if rest else shown
 
 
 def projection_table(projections: Sequence[Projection]) -> Table:

@@ -3,13 +3,18 @@ made."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+from posegaussian.dags.humanize.text import number
 from posegaussian.dags.planning.fingerprint import all_parts, own_parts
-from posegaussian.dags.planning.plan import Plan, State
+from posegaussian.dags.planning.plan import Plan, State, TaskVerdict
 from posegaussian.dags.planning.tasks import Task, dependencies
 from posegaussian.storage.archive.receipts import Receipt
+
+MOST_REASONS = 4
+"""Different reasons shown for one stage; the rest is counted."""
 
 
 def why(plan: Plan, task: Task) -> list[str]:
@@ -36,6 +41,46 @@ def why(plan: Plan, task: Task) -> list[str]:
 
     visit(task, 0)
     return lines
+
+
+def first_cause(plan: Plan, tasks: Sequence[Task]) -> str:
+    """One line on tasks of a stage that are not fresh: the reason to which all of them go back, or most."""
+    stale = [t for t in _behind(plan, tasks) if plan.verdicts[t].state is State.STALE] or tasks
+    stage = stale[0].stage
+    (reasons, _) = Counter(plan.verdicts[t].reasons for t in stale if t.stage == stage).most_common(1)[0]
+    because = "" if stage == tasks[0].stage else f" because of {stage}"
+    return f"{tasks[0].stage} is not fresh{because}: {reasons[0]}"
+
+
+def by_stage(plan: Plan, tasks: Sequence[Task]) -> list[str]:
+    """One line for every stage on the way back from tasks that are not fresh: how many, and why."""
+    found: dict[str, list[TaskVerdict]] = {}
+    for t in _behind(plan, tasks):
+        found.setdefault(t.stage, []).append(plan.verdicts[t])
+    return [f"{stage}, {_states(some)}: {told(some)}" for stage, some in found.items()]
+
+
+def _states(verdicts: Iterable[TaskVerdict]) -> str:
+    return ", ".join(f"{n} {state.value}" for state, n in Counter(v.state for v in verdicts).items())
+
+
+def told(verdicts: Iterable[TaskVerdict]) -> str:
+    """Reasons of tasks, each with how many it holds for, the rest counted."""
+    reasons = Counter(r for v in verdicts if v.state is not State.FRESH for r in v.reasons)
+    shown = [f"{r} ({n}x)" if n > 1 else r for r, n in reasons.most_common(MOST_REASONS)]
+    rest = len(reasons) - len(shown)
+    return "; ".join([*shown, f"and {number(rest, 'more reason')}"] if rest else shown)
+
+
+def _behind(plan: Plan, tasks: Sequence[Task]) -> list[Task]:
+    """Tasks and all behind them that are not fresh either, in the order of flow."""
+    found, waiting = set(tasks), list(tasks)
+    for t in waiting:  # grows while it is walked through
+        for d in dependencies(plan.context, t):
+            if d in plan.verdicts and plan.verdicts[d].state is not State.FRESH and d not in found:
+                found.add(d)
+                waiting.append(d)
+    return [t for t in plan.verdicts if t in found]
 
 
 def _past(plan: Plan, task: Task) -> Iterator[str]:
