@@ -68,9 +68,11 @@ def import_capture(
     Example: posegaussian import pose2sim captures/balance --sequence balance
     """
     from posegaussian.dags.importing.register import find_capture, register
-    from posegaussian.storage.archive.store import Archive
+    from posegaussian.storage.archive.store import Archive, local_path
+    from posegaussian.storage.files.write import require_writable
 
     session = open_session(config, assignments, archive)
+    require_writable(local_path(session.archive_url))  # before the capture is looked through, which may take minutes
     name = sequence or source.resolve().name
     settings = session.configuration.for_sequence(name)
     capture = find_capture(layout, source, option or [], settings)

@@ -40,7 +40,7 @@ from posegaussian.dags.runtime.signals import STATUS, interruptible
 from posegaussian.dags.runtime.work_order import RunTerms
 from posegaussian.storage.archive.ledger import RUNS
 from posegaussian.storage.archive.store import Archive
-from posegaussian.storage.files.write import write_atomically
+from posegaussian.storage.files.write import require_writable, write_atomically
 from posegaussian.storage.model.errors import ArchiveError, ConfigError, NotWritten, SchedulerLost, UserError
 
 
@@ -181,8 +181,10 @@ class Session:
         date.
 
         A sequence whose work no worker can do is refused before the start; raises ConfigError when none is left, and
-        when the disk does not hold what the run would write.
+        when the disk does not hold what the run would write; NotWritten where nothing may be written.
         """
+        for folder in (self.archive.root, *(p.context.sequence.root for p in plans)):
+            require_writable(folder)
         too_much = forecast.refusals(plans, self.archive, self.history)
         if too_much:
             raise ConfigError("\n".join(too_much))

@@ -85,6 +85,20 @@ def make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
 
 
+def require_writable(folder: Path) -> None:
+    """Raise NotWritten unless files can be made in a folder, or, where it is not there yet, in what it would lie in.
+
+    A file without a name is made, which goes at once: what permissions say is not true of every file system.
+    """
+    from tempfile import TemporaryFile
+
+    above = next((f for f in (folder, *folder.parents) if os.path.lexists(f)), Path())
+    try:
+        TemporaryFile(dir=above).close()
+    except OSError as e:
+        raise NotWritten(e.errno or errno.EIO, _sentence(e, folder, None, None, above)) from e
+
+
 def _make(folder: Path) -> list[Path]:
     """Make a folder and those above it; returns those that were made, deepest first."""
     made = [f for f in (folder, *folder.parents) if not f.is_dir()]
@@ -197,8 +211,8 @@ def _about(error: OSError, path: Path) -> bool:
     )
 
 
-def _sentence(error: OSError, path: Path, need: int | None, partial: Path | None) -> str:
-    number, above = error.errno, next((f for f in path.parents if os.path.lexists(f)), Path())
+def _sentence(error: OSError, path: Path, need: int | None, partial: Path | None, above: Path | None = None) -> str:
+    number, above = error.errno, above or next((f for f in path.parents if os.path.lexists(f)), Path())
     if number in FULL:
         return f"cannot write {path}: {_full(number, above, need, partial)}"
     if number in (errno.ENOTDIR, errno.EEXIST):
@@ -218,6 +232,7 @@ def _sentence(error: OSError, path: Path, need: int | None, partial: Path | None
             f"there is no permission to write in {above}",
             "choose another folder, or have its owner allow it",
         ),
+        errno.ENOENT: (f"no file can be made in {above}", "choose another folder"),
         errno.EISDIR: ("it is a folder", "name a file, or move the folder away"),
         errno.EFBIG: (
             f"it is larger than files may become here{'' if need is None else f', about {_bytes(need)}'}",

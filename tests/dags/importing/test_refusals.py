@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import errno
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
-from posegaussian.dags.cli.app import main
+from posegaussian.dags.cli.app import app, main
+from posegaussian.dags.importing import register
+from posegaussian.storage.model.errors import NotWritten
 from tests.fuzz import captures
 
 BROKEN = {
@@ -45,3 +50,20 @@ def test_a_broken_file_is_a_sentence_and_status_2(
     assert name in said.replace(" ", "")
     assert sorted(p for p in (tmp_path / "capture").rglob("*")) == before
     assert not (tmp_path / "archive" / "a").exists()
+
+
+def test_an_archive_that_cannot_be_written_is_refused_before_the_capture_is_looked_through(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    captures.test_videos.write(tmp_path / "capture")
+
+    def refused(dir: Path) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied", str(dir / "tmp"))
+
+    monkeypatch.setattr(tempfile, "TemporaryFile", refused)
+    monkeypatch.setattr(register, "find_capture", lambda *_: pytest.fail("it looked through the capture"))
+    archive = tmp_path / "archive"
+    done = CliRunner().invoke(app, ["import", "videos", str(tmp_path / "capture"), "--archive", str(archive)])
+    assert isinstance(done.exception, NotWritten)
+    assert str(done.exception).startswith(f"cannot write {archive}: there is no permission to write in {tmp_path};")
+    assert not archive.exists()

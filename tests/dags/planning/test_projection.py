@@ -3,8 +3,10 @@ refusal before the start."""
 
 from __future__ import annotations
 
+import errno
 import io
 import shutil
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +27,7 @@ from posegaussian.stages.registry import STAGES
 from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.archive.ledger import rebuild
 from posegaussian.storage.archive.store import Archive
-from posegaussian.storage.model.errors import ConfigError
+from posegaussian.storage.model.errors import ConfigError, NotWritten
 from tests.support.pipeline import NAME, Pipeline
 
 FRAMES, POSE = stage_named("frames"), stage_named("pose")
@@ -227,6 +229,25 @@ def test_more_bytes_than_the_disk_has_are_refused_before_the_start(
     ):
         first.session.run_and_report([first.plan()], Selection())
     assert not list((first.root / NAME / "_receipts").rglob("*.json"))
+
+
+def test_a_place_that_cannot_be_written_is_told_and_not_what_its_disk_lacks(
+    archive: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    usage = shutil.disk_usage(archive.root)
+    first = Pipeline(archive.root.with_name("first"), archive.folder)
+    first.register()
+    sequence = first.root / NAME
+
+    def refused(dir: Path) -> io.BytesIO:
+        if dir == sequence:  # the archive's folder is ours, the sequence's another user's
+            raise PermissionError(errno.EACCES, "Permission denied", str(dir / "tmp"))
+        return io.BytesIO()
+
+    monkeypatch.setattr(forecast.shutil, "disk_usage", lambda _: usage._replace(free=1000))
+    monkeypatch.setattr(tempfile, "TemporaryFile", refused)
+    with pytest.raises(NotWritten, match=f"^cannot write {sequence}: there is no permission to write in {sequence};"):
+        first.session.run_and_report([first.plan()], Selection())
 
 
 def test_receipts_carry_projected_beside_measured_memory(finished: Pipeline) -> None:

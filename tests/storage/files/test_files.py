@@ -7,6 +7,7 @@ import mmap
 import os
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,14 @@ import pytest
 
 from posegaussian.dags.runtime.failures import Kind, failure
 from posegaussian.storage.files import write
-from posegaussian.storage.files.write import link_or_copy, make_folder, scratch_array, whole_file, write_atomically
+from posegaussian.storage.files.write import (
+    link_or_copy,
+    make_folder,
+    require_writable,
+    scratch_array,
+    whole_file,
+    write_atomically,
+)
 from posegaussian.storage.model.errors import NotWritten
 
 
@@ -35,6 +43,37 @@ def test_an_atomic_write_shows_the_old_content_until_it_is_whole(
     write_atomically(file, b"new")
     assert [p.name for p in file.parent.iterdir()] == ["f.json"]
     assert file.read_bytes() == b"new"
+
+
+@pytest.mark.parametrize(
+    ("number", "words"),
+    [
+        (errno.EROFS, r"the file system is read-only; choose a folder that can be written"),
+        (errno.EACCES, r"there is no permission to write in {there}; choose another folder"),
+        (errno.ENOENT, r"no file can be made in {there}; choose another folder"),
+    ],
+)
+def test_a_place_that_takes_no_file_is_known_before_anything_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int, words: str
+) -> None:
+    place = tmp_path / "new" / "archive"
+    require_writable(place)
+    require_writable(tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+    def refused(dir: Path) -> None:
+        raise OSError(number, os.strerror(number), str(dir / "tmp"))
+
+    monkeypatch.setattr(tempfile, "TemporaryFile", refused)
+    for folder in (place, tmp_path):
+        with pytest.raises(NotWritten, match=f"^cannot write {folder}: {words.format(there=tmp_path)}"):
+            require_writable(folder)
+
+
+def test_a_place_below_a_file(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(NotWritten, match=f"{tmp_path}/file is a file, no folder; name another place"):
+        require_writable(tmp_path / "file" / "archive")
 
 
 @pytest.mark.parametrize(
