@@ -11,7 +11,8 @@ Format: https://github.com/mprib/caliscope, docs/project_setup.md.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+import shlex
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -192,6 +193,21 @@ def _turned(tables: Mapping[str, Mapping[str, Any]]) -> list[str]:
 def _left_out(base: Path) -> list[str]:
     found = [base / name for name in _BOARD if (base / name).is_file()]
     return [f"corners of the calibration board are no joints and are left out: {shown(base, found)}"] if found else []
+
+
+def unread_times(folders: Iterable[Path]) -> list[str]:
+    """What another layout says of a table of times that lies in one of the folders of its videos: it is not read, and
+    what reads it."""
+    table = next((f / name for f in folders for name in TIMES if (f / name).is_file()), None)
+    if table is None:
+        return []
+    base = table.parent
+    reads = (
+        f"posegaussian import caliscope {shlex.quote(str(base))} reads it"
+        if or_broken(lambda: base in recordings(base)) and calibration_files(base)
+        else f"the layout caliscope reads it, beside videos cam_N.mp4 and with a {CALIBRATION}"
+    )
+    return [f"{table.name} is not read by this layout, so frames are not matched by its times; {reads}"]
 
 
 IMPORTER = Importer(

@@ -15,6 +15,7 @@ from typing import Any
 from pydantic import Field
 
 from posegaussian.storage.formats.joint_files import read_openpose
+from posegaussian.storage.importers.caliscope import unread_times
 from posegaussian.storage.importers.cameras import build_rig
 from posegaussian.storage.importers.common import (
     ImportOptions,
@@ -78,7 +79,7 @@ def find(source: Path, options: Pose2SimOptions) -> Capture:
         if key not in matched.values() and options.cameras is None
     ]
     pictures, rate, more = video_streams(videos, options.frame_rate)
-    notes += more
+    notes += [*more, *unread_times([base, *(v.parent for v in videos.values())])]
     rig = build_rig([table_camera(n, tables[matched[n]]) for n in names], [s.size for s in pictures], half=False)
     joints, more = _joints(base, options, names, pictures)
     notes += more

@@ -13,6 +13,7 @@ from pydantic import Field
 
 from posegaussian.storage.importers.calibration_format import CalibrationFormat, read_together
 from posegaussian.storage.importers.calibration_formats import FORMATS
+from posegaussian.storage.importers.caliscope import unread_times
 from posegaussian.storage.importers.cameras import build_rig, check_principal_point, raw_centre
 from posegaussian.storage.importers.common import (
     chosen,
@@ -81,6 +82,7 @@ def find(source: Path, options: VideosOptions) -> Capture:
             f"unit: {scale:g} m, {calibration.unit_from}" if said else unit,
             *facing,
             *notes,
+            *unread_times([base, base / "videos"]),
             *mask_notes,
         ),
     )

@@ -341,3 +341,16 @@ def test_wrong_input_gets_a_sentence(base: Path, case: str) -> None:
     change(base)
     with pytest.raises(UserError, match=sentence):
         find(base)
+
+
+def test_a_layout_that_does_not_read_the_times_says_so_and_what_does(base: Path) -> None:
+    """Pose2Sim's importer takes Caliscope's calibration, too."""
+    write_recording(base, {c: list(range(FRAMES)) for c in CAMERAS})
+    said = [n for n in find_capture("pose2sim", base, {}).notes if "timestamps.csv" in n]
+    unread = "timestamps.csv is not read by this layout, so frames are not matched by its times;"
+    assert said == [f"{unread} posegaussian import caliscope {base} reads it"]
+    (base / "camera_array.toml").rename(base / "cameras.toml")
+    said = [n for n in find_capture("pose2sim", base, {}).notes if "timestamps.csv" in n]
+    assert said == [f"{unread} the layout caliscope reads it, beside videos cam_N.mp4 and with a camera_array.toml"]
+    (base / "timestamps.csv").unlink()
+    assert not [n for n in find_capture("pose2sim", base, {}).notes if "timestamps.csv" in n]

@@ -244,3 +244,12 @@ def test_poses_of_the_other_direction_are_found(tmp_path: Path) -> None:
     metashape(tmp_path, 1.0, inverted)
     with pytest.raises(UserError, match="the poses were written in the other direction"):
         find(tmp_path)
+
+
+@pytest.mark.parametrize("folder", ["", "videos"])
+def test_a_table_of_times_is_not_passed_over_in_silence(tmp_path: Path, folder: str) -> None:
+    films(tmp_path / folder)
+    kalibr(tmp_path)
+    (tmp_path / folder / "timestamps.csv").write_text("cam_id,frame_time\n")
+    (said,) = [n for n in find_capture("videos", tmp_path, {}).notes if "timestamps.csv" in n]
+    assert said.startswith("timestamps.csv is not read by this layout, so frames are not matched by its times; the")
