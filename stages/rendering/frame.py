@@ -15,6 +15,7 @@ from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.imaging.part import part_around
 from posegaussian.stages.rendering.clipping import UNSURE, beside, retouched
 from posegaussian.stages.rendering.closing import Body, closed
+from posegaussian.stages.rendering.detail import SourcePicture, detailed
 from posegaussian.stages.rendering.evening import outlines_for
 from posegaussian.stages.rendering.facts import (
     ANTI_ALIASING,
@@ -22,6 +23,7 @@ from posegaussian.stages.rendering.facts import (
     OUTLINE_EVENING,
     POSE_BLENDING,
     SILHOUETTE_CLIPPING,
+    SOURCE_DETAIL,
     SURFACE_CLOSING,
     VIEW_DEPENDENT_COLOR,
 )
@@ -123,25 +125,29 @@ class FrameRenderer:
         self._lifted: dict[tuple[int, bool], Lifted] = {}
         self._refined: Gaussians | None = None
         self._photos: dict[int, Photo] = {}
+        self._sources: dict[int, SourcePicture] = {}
 
     def picture(self, camera: Camera) -> tuple[torch.Tensor, torch.Tensor, int] | None:
         """Colour [h, w, 3] premultiplied on black, alpha [h, w] and how many Gaussians were not finite; None without
         any source view."""
         if not self.usable.any():
             return None
-        color, alpha, masked = self._drawn(camera, False)
+        color, alpha, depth, masked = self._drawn(camera, False)
         alone = 0.0
         if self.share > 0:
-            *refined, more = self._drawn(camera, True)
+            *refined, _, more = self._drawn(camera, True)
             angles = angles_at(self.reader.subject, self.rig.centres, camera.centre)[self.usable]
             alone = outlines_refined(angles, self.share)
             color, alpha = mixed((color, alpha), (refined[0], refined[1]), self.share, faded_in(angles), alone)
             masked += more
+        if depth is not None:
+            color = self._detailed(color, alpha, depth, camera)
         return *self._retouched(color, alpha, camera, alone), masked
 
-    def _drawn(self, camera: Camera, refined: bool) -> tuple[torch.Tensor, torch.Tensor, int]:
+    def _drawn(self, camera: Camera, refined: bool) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None, int]:
         """The picture of the Gaussians before refinement, of the nearest views, or after it, of all views and the same
-        from all sides; as `picture` returns it, without retouches."""
+        from all sides; as `picture` returns it, without retouches. Before refinement, where detail is looked up, also
+        depth [h, w] metres, 0 where less than half of a pixel is covered."""
         angles = angles_at(self.reader.subject, self.rig.centres, camera.centre)
         chosen = (
             [(int(v), 1.0) for v in np.flatnonzero(self.usable)]
@@ -159,9 +165,25 @@ class FrameRenderer:
                 [self._seen(camera, view, weight, views, limit) for view, weight in chosen]
             )
         cutoffs = mip_filter(camera, self.rig, views, self.reader.subject) if ANTI_ALIASING in self.facts else Cutoffs()
-        picture = rasterize(gaussians, [camera], drawing=Drawing(cutoffs))
+        located = SOURCE_DETAIL in self.facts and not refined
+        picture = rasterize(gaussians, [camera], ("depth",) if located else (), Drawing(cutoffs))
         masked = picture.masked[0] + sum(self._lifted[v, refined].masked for v in views)
-        return picture.color[0], picture.alpha[0], masked
+        color, alpha, depth = picture.color[0], picture.alpha[0], None
+        if located:
+            assert picture.depth is not None
+            depth = torch.where(alpha > 0.5, picture.depth[0] / alpha.clamp(min=0.5), 0)
+        return color, alpha, depth, masked
+
+    def _detailed(self, color: torch.Tensor, alpha: torch.Tensor, depth: torch.Tensor, camera: Camera) -> torch.Tensor:
+        """The colour with the detail of the source views that are drawn, on the CPU."""
+        angles = angles_at(self.reader.subject, self.rig.centres, camera.centre)
+        chosen, masks = choose(angles, self.usable, self.params.sources), self.reader.masks(self.i)
+        for view, _ in chosen:
+            if view not in self._sources:
+                self._sources[view] = SourcePicture.of(*self.reader.maps(self.i, view), masks[view])
+        sources = [(self._sources[v], weight) for v, weight in chosen]
+        drawn, covered, surface = (t.cpu().numpy() for t in (color, alpha, depth))
+        return torch.from_numpy(detailed(drawn, covered, surface, camera, sources))
 
     def _retouched(
         self, color: torch.Tensor, alpha: torch.Tensor, camera: Camera, alone: float

@@ -12,6 +12,7 @@ from posegaussian.stages.rendering.effects import (
     OUTLINE_EVENING,
     POSE_BLENDING,
     SILHOUETTE_CLIPPING,
+    SOURCE_DETAIL,
     SURFACE_CLOSING,
     VIEW_DEPENDENT_COLOR,
 )
@@ -22,7 +23,7 @@ from posegaussian.stages.rendering.pose_blending import PAST
 from posegaussian.stages.rendering.sources import OF_GAUSSIANS, OUTCOME, REFINED, REFINEMENT, TWIST
 from posegaussian.storage.model.spec import ArraySpec, Shape
 
-OF_MASKS = (SURFACE_CLOSING, SILHOUETTE_CLIPPING, HOLE_FILLING, OUTLINE_EVENING)
+OF_MASKS = (SOURCE_DETAIL, SURFACE_CLOSING, SILHOUETTE_CLIPPING, HOLE_FILLING, OUTLINE_EVENING)
 """Effects that look at the source masks."""
 
 
@@ -56,7 +57,7 @@ def _ours(params: RenderingParams, facts: Facts) -> bool:
 STAGE = Stage(
     name="rendering",
     summary="Render novel views from the Gaussians of the nearest source views.",
-    version=3,
+    version=4,
     run="posegaussian.stages.peers.run:run",
     check="posegaussian.stages.rendering.run:check",
     reads=(

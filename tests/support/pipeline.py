@@ -41,6 +41,7 @@ FORCED = {
     "limb_bounds": "off",
     "view_dependent_color": "off",
     "pose_blending": "off",
+    "source_detail": "on",
     "silhouette_clipping": "on",
     "hole_filling": "on",
     "outline_evening": "on",

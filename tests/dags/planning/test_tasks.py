@@ -167,6 +167,7 @@ def test_what_a_capture_lacks_has_no_tasks(tmp_path: Path) -> None:
             "outline_evening",
             "view_dependent_color",
             "pose_blending",
+            "source_detail",
         ),
         "off",
     )
