@@ -31,7 +31,12 @@ def allocator() -> dict[str, str]:
 
 def limit(threads: int) -> None:
     """Limit the libraries that are imported already, and those that will be through the environment."""
-    os.environ.update(environment(threads))
+    variables = environment(threads)
+    if numba := sys.modules.get("numba"):
+        # It reads its variable anew whenever it compiles, and refuses another number once its threads run. No kernel of
+        # ours uses them.
+        variables["NUMBA_NUM_THREADS"] = str(numba.config.NUMBA_NUM_THREADS)
+    os.environ.update(variables)
     if torch := sys.modules.get("torch"):
         torch.set_num_threads(threads)
     if cv2 := sys.modules.get("cv2"):
