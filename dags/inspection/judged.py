@@ -7,7 +7,6 @@ from posegaussian.dags.planning.plan import decided
 from posegaussian.dags.planning.receipt_index import Book
 from posegaussian.stages.contract.judged import (
     CALIBRATION,
-    COLOR,
     DEPTH,
     EXPOSURE,
     MATTES,
@@ -20,7 +19,6 @@ from posegaussian.stages.depth.methods.registry import BY_PICTURES
 from posegaussian.stages.depth.params import resolve_method
 from posegaussian.stages.frames.facts import EXPOSURE_MATCHING
 from posegaussian.stages.imaging.calibration import CALIBRATION_CORRECTION
-from posegaussian.stages.rendering.facts import VIEW_DEPENDENT_COLOR
 
 
 def left_out_views(context: Context) -> str:
@@ -32,10 +30,9 @@ def left_out_views(context: Context) -> str:
         return f"what left-out views would look like cannot be measured: {why}"
     context = decided(Book.open(context, frozenset()))
     method = resolve_method(context.settings.depth, context.facts).name
-    switches = (CALIBRATION_CORRECTION.name, EXPOSURE_MATCHING, VIEW_DEPENDENT_COLOR)
+    switches = (CALIBRATION_CORRECTION.name, EXPOSURE_MATCHING)
     on = {e: context.effects[e].state == "on" for e in switches}
     chosen = {  # each is drawn with what was best of those before
-        COLOR: int(on[VIEW_DEPENDENT_COLOR]),
         EXPOSURE: int(on[EXPOSURE_MATCHING]),
         DEPTH: BY_PICTURES.index(method) if method in BY_PICTURES else 0,
         CALIBRATION: int(on[CALIBRATION_CORRECTION.name]),

@@ -7,12 +7,12 @@ import numpy as np
 
 from posegaussian.stages.contract.facts import FEW_SOURCES, Facts, fact
 
-DEPTH, EXPOSURE, COLOR, LEARNED = "judge/depth", "judge/exposure", "judge/color", "judge/network"
+DEPTH, EXPOSURE, LEARNED = "judge/depth", "judge/exposure", "judge/network"
 POSE = "judge/pose"
 CALIBRATION = "judge/calibration"
 """[picture, candidate, measure] of the depth methods, the worst quality level first, as far as asked; without and with
-exposure gains; without and with colours blended by angle; without the network and with the weights that ship, by name;
-without and with views weighed by their joints; with the cameras as they are written down, and turned."""
+exposure gains; without the network and with the weights that ship, by name; without and with views weighed by their
+joints; with the cameras as they are written down, and turned."""
 SHARED_LIGHT = "judge/shared_light"
 """[V, V, point, 3] by how much cameras differ in brightness at points that both see."""
 TURNS = "judge/turns"

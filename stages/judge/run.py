@@ -11,7 +11,6 @@ from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.contract.judged import (
     CALIBRATION,
-    COLOR,
     DEPTH,
     EXPOSURE,
     FEWEST,
@@ -44,22 +43,23 @@ from posegaussian.stages.judge.turning import as_filmed, turns_by_links
 from posegaussian.stages.network.choice import CANDIDATES
 from posegaussian.stages.network.choice import best_of as best_weights
 from posegaussian.stages.network.params import NONE as NO_WEIGHTS
-from posegaussian.stages.rendering.facts import POSE_BLENDING, VIEW_DEPENDENT_COLOR
+from posegaussian.stages.rendering.facts import POSE_BLENDING
 
-COUNT = {CALIBRATION: 2, DEPTH: len(BY_PICTURES), EXPOSURE: 2, LEARNED: len(CANDIDATES), COLOR: 2, POSE: 2}
+COUNT = {CALIBRATION: 2, DEPTH: len(BY_PICTURES), EXPOSURE: 2, LEARNED: len(CANDIDATES), POSE: 2}
 """Candidates of each choice."""
-PLAIN, BLENDED, WEIGHED = (Facts(frozenset(on)) for on in ((), (VIEW_DEPENDENT_COLOR,), (POSE_BLENDING,)))
+PLAIN, WEIGHED = (Facts(frozenset(on)) for on in ((), (POSE_BLENDING,)))
 
 
 def run(inputs: Inputs, params: JudgeParams) -> Iterator[Block]:
-    """Yield `judge/calibration`, `judge/depth`, `judge/exposure`, `judge/network`, `judge/pose` and `judge/color`
-    [picture, candidate, measure], `judge/turns` [V, 3] and `judge/shared_light` [V, V, point, 3], as far as asked for.
+    """Yield `judge/calibration`, `judge/depth`, `judge/exposure`, `judge/network` and `judge/pose` [picture, candidate,
+    measure], `judge/turns` [V, 3] and `judge/shared_light` [V, V, point, 3], as far as asked for.
 
     Where turned cameras draw left-out views better, all else is compared with them. Depth methods are compared in
     pictures without gains: what they match does not follow from a camera's exposure.
-    Gains are compared by the method that is picked, or that is set, and colours by angle with the gains that drew best.
+    Gains are compared by the method that is picked, or that is set, and the network and joints with the gains that drew
+    best.
     """
-    asked = [name for name in (CALIBRATION, DEPTH, EXPOSURE, LEARNED, POSE, COLOR) if name in inputs.facts]
+    asked = [name for name in (CALIBRATION, DEPTH, EXPOSURE, LEARNED, POSE) if name in inputs.facts]
     found = dict(_compared(inputs, params, asked)) if len(inputs.views.sources) >= FEWEST else {}
     if TURNS in inputs.facts:
         turns = found.get(TURNS)
@@ -119,8 +119,6 @@ def _compared(inputs: Inputs, params: JudgeParams, asked: list[str]) -> Iterator
         chosen, reached = tried.get(best_tried, (chosen, reached))
     if POSE in asked and (posed := with_joints(chosen, inputs)) is not None:
         yield POSE, np.stack([reached, scores(posed, filmed, views, WEIGHED)], axis=1)
-    if COLOR in asked:
-        yield COLOR, np.stack([scores(chosen, filmed, views, f) for f in (PLAIN, BLENDED)], axis=1)
 
 
 def _psnr(drawn: np.ndarray) -> float:

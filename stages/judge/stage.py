@@ -6,7 +6,6 @@ from posegaussian.stages.contract.declaration import Read, Resources, Stage, Typ
 from posegaussian.stages.contract.facts import ESTIMATED, JOINTS2D, JOINTS3D, SEGMENTED, SEVERAL_FRAMES, Facts
 from posegaussian.stages.contract.judged import (
     CALIBRATION,
-    COLOR,
     DEPTH,
     EXPOSURE,
     GIVEN_MATTE,
@@ -146,15 +145,6 @@ STAGE = Stage(
             "By how much a source view is brighter than each later one at points that both see, the darkest first, as"
             " features or the judge's depth show it, whichever draws left-out views better; 99 where there is none.",
             when=SHARED_LIGHT,
-            noted=True,
-        ),
-        ArraySpec(
-            COLOR,
-            ("judged", "switch", "score"),
-            "float64",
-            "1",
-            "The same without and with colours blended by angle.",
-            when=COLOR,
             noted=True,
         ),
         ArraySpec(

@@ -1,5 +1,5 @@
 """What rendering does only where it is called for: detail from the source pictures, clipping by the silhouettes,
-filling of holes, evening of outlines, anti-aliasing, colour by the angle of view."""
+filling of holes, evening of outlines, anti-aliasing."""
 
 from __future__ import annotations
 
@@ -8,21 +8,17 @@ from collections.abc import Callable
 import numpy as np
 
 from posegaussian.stages.contract.declaration import Decision, Effect, Evidence
-from posegaussian.stages.contract.facts import JOINTS2D, JOINTS3D, MASKS, SEGMENTED
-from posegaussian.stages.contract.judged import COLOR, MATTES, POSE, SHARED_LIGHT, cannot_judge, drawn_at, mean_scores
+from posegaussian.stages.contract.facts import JOINTS2D, MASKS, SEGMENTED
+from posegaussian.stages.contract.judged import MATTES, POSE, cannot_judge, drawn_at, mean_scores
 from posegaussian.stages.depth.facts import LIMB_BOUNDS
-from posegaussian.stages.frames.exposures import SURFACE, compared, points_in
-from posegaussian.stages.frames.facts import EXPOSURE_MATCHING
 from posegaussian.stages.geometry.subject import look_at_point
-from posegaussian.stages.imaging.exposure import match
 from posegaussian.stages.rendering import facts
 from posegaussian.stages.rendering.params import GAUSSIANS
-from posegaussian.stages.survey.algorithms.disagreement import FEWEST, disagreement
 from posegaussian.stages.survey.trust import outlines_agree
 from posegaussian.storage.model.cameras import Rig
 
-COLORS, NOISE = "survey/colors", "survey/noise"
-"""What the survey measures for `view_dependent_color`, and of it noise for `source_detail`."""
+NOISE = "survey/noise"
+"""What the survey measures for `source_detail`."""
 SCORES = "survey/joint_scores"
 """What the survey measures for `pose_blending`."""
 AGREEMENT = "survey/agreement"
@@ -106,50 +102,6 @@ def _aliases(evidence: Evidence, bound: float) -> Decision:
         ratio,
         bound,
         f"a pixel of the coarsest target camera covers {ratio:.2f} of the finest source's at the subject",
-    )
-
-
-def _one_view(evidence: Evidence) -> str | None:
-    """Why there is nothing to blend."""
-    if evidence.params.sources < 2:
-        return "rendering.sources is 1: a picture is made of one source view"
-    if len(evidence.sources) < 2:
-        return "there is a single source view"
-    if JOINTS3D not in evidence.facts and len(evidence.joint_views) < 2:
-        return "joints, beside which cameras are compared, came with fewer than two source views"
-    return None
-
-
-def _views_disagree(evidence: Evidence, bound: float) -> Decision | None:
-    if not {COLORS, NOISE} <= evidence.noted.keys():
-        return None
-    colors, noise, found = evidence.noted[COLORS], float(np.median(evidence.noted[NOISE])), None
-    left, patches = disagreement(colors, np.ones((len(colors), 3)), noise)
-    if left > bound and EXPOSURE_MATCHING in evidence.facts:
-        if compared(evidence.facts) not in evidence.noted:
-            return None
-        found = match(points_in(evidence))
-        left, patches = disagreement(colors, np.ones((len(colors), 3)) if found is None else found.gains, noise)
-    if patches < FEWEST:
-        return Decision(False, None, bound, f"cameras share fewer than {FEWEST} patches of the body beside joints")
-    even = " after exposure matching" if found is not None else ""
-    told = (
-        f"on patches of the body that cameras share, they differ by {left:.1f}/255{even}, beyond noise of"
-        f" {noise:.1f}/255"
-    )
-    if left <= bound or cannot_judge(len(evidence.sources), bool(evidence.facts & set(MATTES.values()))) is not None:
-        return Decision(bool(left > bound), left, bound, told)
-    if COLOR not in evidence.noted:
-        return None
-    means = mean_scores(evidence.noted[COLOR])
-    if means is None:
-        return Decision(True, left, bound, told)
-    return Decision(
-        bool(means[1, 0] >= means[0, 0]),
-        left,
-        bound,
-        f"{told}; left-out source views, drawn from the others, have {drawn_at(means, 1)} with blended colours,"
-        f" {drawn_at(means, 0)} without",
     )
 
 
@@ -306,16 +258,4 @@ ANTI_ALIASING = Effect(
     "px/px",
     _aliases,
     lacks=_of_ours(lambda evidence: None),
-)
-VIEW_DEPENDENT_COLOR = Effect(
-    facts.VIEW_DEPENDENT_COLOR,
-    "Blend the colour of Gaussians from the source views that see them, by angle to the picture's camera.",
-    "difference of source views on patches they share, beyond noise",
-    # Four matte simulated people measure 2 to 4, as limbs are not the cylinders that patches lie on; the same with a
-    # strong gloss 8 to 14.
-    5.0,
-    "of 255",
-    _views_disagree,
-    asks=(COLORS, SURFACE, NOISE, SHARED_LIGHT, COLOR),
-    lacks=_of_ours(_one_view),
 )

@@ -7,7 +7,6 @@ from posegaussian.stages.contract.facts import fact
 SILHOUETTE_CLIPPING = fact("silhouette_clipping")
 HOLE_FILLING = fact("hole_filling")
 ANTI_ALIASING = fact("anti_aliasing")
-VIEW_DEPENDENT_COLOR = fact("view_dependent_color")
 SURFACE_CLOSING = fact("surface_closing")
 SOURCE_DETAIL = fact("source_detail")
 POSE_BLENDING = fact("pose_blending")

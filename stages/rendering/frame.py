@@ -25,7 +25,6 @@ from posegaussian.stages.rendering.facts import (
     SILHOUETTE_CLIPPING,
     SOURCE_DETAIL,
     SURFACE_CLOSING,
-    VIEW_DEPENDENT_COLOR,
 )
 from posegaussian.stages.rendering.lift import GaussianMaps, Lifted, lift
 from posegaussian.stages.rendering.mip import mip_filter
@@ -37,11 +36,9 @@ from posegaussian.stages.rendering.sources import (
     choose,
     faded_in,
     outlines_refined,
-    reach,
     refined_shares,
     unrefined_arrays,
 )
-from posegaussian.stages.rendering.view_color import Photo, color_towards
 from posegaussian.stages.silhouettes.hull import Silhouettes
 from posegaussian.stages.silhouettes.places import agreed
 from posegaussian.stages.silhouettes.softness import softness
@@ -124,7 +121,6 @@ class FrameRenderer:
         """What pictures are clipped to; None: to nothing."""
         self._lifted: dict[tuple[int, bool], Lifted] = {}
         self._refined: Gaussians | None = None
-        self._photos: dict[int, Photo] = {}
         self._sources: dict[int, SourcePicture] = {}
 
     def picture(self, camera: Camera) -> tuple[torch.Tensor, torch.Tensor, int] | None:
@@ -160,10 +156,7 @@ class FrameRenderer:
         if refined:
             gaussians = self._from_all_sides(views)
         else:
-            limit = reach(angles, self.usable, self.params.sources)
-            gaussians = Gaussians.concatenate(
-                [self._seen(camera, view, weight, views, limit) for view, weight in chosen]
-            )
+            gaussians = Gaussians.concatenate([self._seen(camera, view, weight, views) for view, weight in chosen])
         cutoffs = mip_filter(camera, self.rig, views, self.reader.subject) if ANTI_ALIASING in self.facts else Cutoffs()
         located = SOURCE_DETAIL in self.facts and not refined
         picture = rasterize(gaussians, [camera], ("depth",) if located else (), Drawing(cutoffs))
@@ -236,8 +229,6 @@ class FrameRenderer:
             return
         posed = self.reader.maps(self.i, view, refined)
         self._lifted[view, refined] = lift(*posed, DTYPES[self.params.precision], device())
-        if VIEW_DEPENDENT_COLOR in self.facts and not refined:
-            self._photos[view] = Photo.of(*posed, DTYPES[self.params.precision], device())
 
     def _from_all_sides(self, views: list[int]) -> Gaussians:
         """The refined Gaussians of all usable views, which every picture of the frame shows alike."""
@@ -245,20 +236,14 @@ class FrameRenderer:
             self._refined = Gaussians.concatenate([self._lifted[v, True].from_all_sides() for v in views])
         return self._refined
 
-    def _seen(self, camera: Camera, view: int, weight: float, views: list[int], limit: float) -> Gaussians:
-        """One view's Gaussians as the camera sees them; `limit` rad is the angle at which a view has no say."""
-        lifted = self._lifted[view, False]
-        seen = lifted.seen_from(camera)
-        color = (
-            color_towards(camera, lifted, view, {v: self._photos[v] for v in views}, limit)
-            if self._photos
-            else seen.color
-        )
+    def _seen(self, camera: Camera, view: int, weight: float, views: list[int]) -> Gaussians:
+        """One view's Gaussians as the camera sees them."""
+        seen = self._lifted[view, False].seen_from(camera)
         opacity = seen.opacity * weight
         if self.sureness is not None:
             share = self.sureness.share(seen.mean.double().cpu().numpy(), view, views)
             opacity = opacity * torch.from_numpy(share).to(opacity)
-        return replace(seen, opacity=opacity, color=color)
+        return replace(seen, opacity=opacity)
 
 
 def mixed(unrefined: Picture, refined: Picture, share: float, fade: float, outlines: float) -> Picture:

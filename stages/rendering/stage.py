@@ -14,7 +14,6 @@ from posegaussian.stages.rendering.effects import (
     SILHOUETTE_CLIPPING,
     SOURCE_DETAIL,
     SURFACE_CLOSING,
-    VIEW_DEPENDENT_COLOR,
 )
 from posegaussian.stages.rendering.facts import FITTED
 from posegaussian.stages.rendering.params import FIT, GAUSSIANS, RenderingParams
@@ -29,22 +28,23 @@ OF_MASKS = (SOURCE_DETAIL, SURFACE_CLOSING, SILHOUETTE_CLIPPING, HOLE_FILLING, O
 
 def needs(shape: Shape, params: RenderingParams) -> Resources:
     """The maps of a partition and the lifted Gaussians of one frame, of all source views, each before and after
-    refinement; one picture's Gaussians, their colours while they are blended; the pictures."""
+    refinement; one picture's Gaussians; the pictures; the source pictures that detail is looked up in, and the look."""
     pixels = shape["y"] * shape["x"]
     wide = 8 if params.precision == "float64" else 4
     # A refined frame draws at most one of four pixels of all views, and of fewer than eight as many as those have.
-    lifted = pixels * shape["view"] * 28 * wide
+    lifted = pixels * shape["view"] * 24 * wide
     picture = (
-        pixels * (max(params.sources, shape["view"] / 4, 8 / 4) * 64 + 40) * wide
+        pixels * max(params.sources, shape["view"] / 4, 8 / 4) * 64 * wide
         + shape["camera_y"] * shape["camera_x"] * 20 * wide
     )
+    detail = pixels * shape["view"] * 20 + shape["camera_y"] * shape["camera_x"] * 200
     maps_and_output = shape["frame"] * (
         pixels * shape["view"] * 48 + shape["camera"] * shape["camera_y"] * shape["camera_x"] * 4
     )
     return Resources(
         cpu=1,
         gpu=1,
-        ram=int(maps_and_output + lifted + picture + pixels * shape["view"] * 12),
+        ram=int(maps_and_output + lifted + picture + detail + pixels * shape["view"] * 12),
         vram=int(lifted + picture + 2**28),
     )
 
@@ -102,7 +102,7 @@ STAGE = Stage(
     params=RenderingParams,
     needs=needs,
     typical=Typical(seconds=1.9e-6, ratio=0.25),
-    effects=(NOISE_AVERAGING, POSE_BLENDING, VIEW_DEPENDENT_COLOR, *OF_MASKS, ANTI_ALIASING),
+    effects=(NOISE_AVERAGING, POSE_BLENDING, *OF_MASKS, ANTI_ALIASING),
     paths=PATHS,
     facts=lambda capture, views, params, facts: [FITTED] if params.method == FIT else [],
 )

@@ -27,7 +27,6 @@ QUICK = [
     "refinement.steps=0",
     "survey.sample=5",
     "effects.exposure_matching=off",
-    "effects.view_dependent_color=off",
     "effects.pose_blending=off",
     "rendering.paths=[]",
 ]

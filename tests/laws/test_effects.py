@@ -346,12 +346,11 @@ def test_off_is_bit_identical_to_absent(tmp_path: Path, monkeypatch: pytest.Monk
         ("left_right_check", "posegaussian.stages.depth.algorithms.rows.disagreement"),
         ("limb_bounds", "posegaussian.stages.depth.run.limbs_of"),
         ("limb_bounds", "posegaussian.stages.survey.algorithms.joints.fit_of_view"),
-        ("view_dependent_color", "posegaussian.stages.rendering.frame.color_towards"),
-        ("view_dependent_color", "posegaussian.stages.survey.algorithms.noise.noise_level"),
         ("pose_blending", "posegaussian.stages.rendering.frame.stabilised"),
         ("pose_blending", "posegaussian.stages.survey.algorithms.joints.scores_of_view"),
         ("outline_evening", "posegaussian.stages.rendering.frame.outlines_for"),
         ("source_detail", "posegaussian.stages.rendering.frame.detailed"),
+        ("source_detail", "posegaussian.stages.survey.algorithms.noise.noise_level"),
         ("anti_aliasing", "posegaussian.stages.rendering.frame.mip_filter"),
     ],
 )
@@ -369,7 +368,6 @@ def test_off_means_not_computed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
             f"effects.{e}=off"
             for e in (
                 "exposure_matching",
-                "view_dependent_color",
                 "pose_blending",
                 "source_detail",
                 "silhouette_clipping",

@@ -20,7 +20,6 @@ SETTINGS = [
     "effects.temporal_smoothing=on",
     "effects.outline_correction=off",
     "effects.limb_bounds=off",
-    "effects.view_dependent_color=off",
     "effects.silhouette_clipping=on",
     "effects.hole_filling=on",
     "effects.outline_evening=on",

@@ -39,7 +39,6 @@ FORCED = {
     "exposure_matching": "off",
     "outline_correction": "off",
     "limb_bounds": "off",
-    "view_dependent_color": "off",
     "pose_blending": "off",
     "source_detail": "on",
     "silhouette_clipping": "on",

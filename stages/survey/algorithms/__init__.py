@@ -1,1 +1,1 @@
-"""What measures of a sequence are computed with: samples of frames, joints, patches of the body, outlines, noise."""
+"""What measures of a sequence are computed with: samples of frames, joints, outlines, noise."""

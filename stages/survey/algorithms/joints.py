@@ -1,4 +1,5 @@
-"""Joints of sampled frames as the survey wants them: of the largest person in runs of frames, and in space."""
+"""Joints of sampled frames as the survey wants them: of the largest person in runs of frames, and of the
+one whom views agree on."""
 
 from __future__ import annotations
 
@@ -26,18 +27,6 @@ where a person of 1.75 m fills the picture, and the triangulated joint, a mean o
 than that."""
 FRAMES = 5
 """Sampled frames in which joints are compared."""
-
-
-def joints_in_space(inputs: Inputs, number: int) -> np.ndarray:
-    """[17, 4] COCO-17 (x, y, z, score) of the subject in one source frame, world metres; triangulated, else as given in
-    3D.
-
-    2D joints are taken to be in captured pixels; only source views are looked at.
-    """
-    if JOINTS2D not in inputs.facts:
-        given = inputs.source("joints3d")
-        return _known(to_set(np.asarray(given.read(number), dtype=np.float64), given.joint_set, "coco17"))
-    return triangulate(inputs.rig.subset(list(inputs.views.sources)), seen_joints(inputs, number), SCORE, RESIDUAL)
 
 
 def seen_joints(inputs: Inputs, number: int, residual: float = RESIDUAL) -> np.ndarray:

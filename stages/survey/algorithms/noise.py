@@ -5,8 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from posegaussian.stages.survey.algorithms.patches import BRIGHTEST, DARKEST
-
+DARKEST, BRIGHTEST = 8, 247
+"""sRGB values beyond which noise is cut off."""
 LAPLACIAN = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
 """Zero on planes; of noise of standard deviation s it makes one of 6 s (Immerkaer, "Fast noise variance estimation",
 1996)."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from posegaussian.stages.survey.measures.agreement import MEASURE as AGREEMENT
-from posegaussian.stages.survey.measures.colors import MEASURE as COLORS
 from posegaussian.stages.survey.measures.declaration import Measure
 from posegaussian.stages.survey.measures.joint_fit import MEASURE as JOINT_FIT
 from posegaussian.stages.survey.measures.joint_scores import MEASURE as JOINT_SCORES
@@ -18,7 +17,6 @@ from posegaussian.stages.survey.measures.unrest import MEASURE as UNREST
 MEASURES: tuple[Measure, ...] = (
     AGREEMENT,
     PLATE,
-    COLORS,
     SURFACE,
     OUTLINES,
     LIGHT,

@@ -85,7 +85,6 @@ def test_a_run_decides_after_the_survey_and_goes_on(fresh: Pipeline) -> None:
         "temporal_smoothing off",
         "limb_bounds on",
         "pose_blending off",
-        "view_dependent_color off",
         "source_detail off",
         "silhouette_clipping on",
         "hole_filling on",
@@ -212,7 +211,6 @@ def test_a_forced_effect_asks_nothing_of_the_survey(fresh: Pipeline) -> None:
         "effects.outline_correction=off",
         "effects.limb_bounds=on",
         "effects.pose_blending=off",
-        "effects.view_dependent_color=off",
         "effects.source_detail=on",
         "effects.silhouette_clipping=off",
         "effects.hole_filling=on",
@@ -226,7 +224,6 @@ def test_a_forced_effect_asks_nothing_of_the_survey(fresh: Pipeline) -> None:
         "effects.outline_correction=off",
         "effects.limb_bounds=on",
         "effects.pose_blending=off",
-        "effects.view_dependent_color=off",
         "effects.source_detail=off",
         "effects.silhouette_clipping=off",
         "effects.hole_filling=off",
@@ -264,11 +261,11 @@ def test_an_effect_a_capture_lacks_the_ground_for_is_off_even_where_it_is_forced
     p = Pipeline(
         tmp_path / "archive",
         tmp_path / "capture",
-        ["effects.temporal_smoothing=on", "effects.view_dependent_color=on", "effects.pose_heatmaps=on"],
+        ["effects.temporal_smoothing=on", "effects.pose_blending=on", "effects.pose_heatmaps=on"],
     )
     p.register()
     verdicts = p.plan().context.effects
-    for name in ("temporal_smoothing", "view_dependent_color", "pose_heatmaps"):
+    for name in ("temporal_smoothing", "pose_blending", "pose_heatmaps"):
         assert verdicts[name].state == "off"
         assert f"effects.{name} is on, but" in verdicts[name].sentence
 

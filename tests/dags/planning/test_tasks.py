@@ -165,7 +165,6 @@ def test_what_a_capture_lacks_has_no_tasks(tmp_path: Path) -> None:
             "silhouette_clipping",
             "hole_filling",
             "outline_evening",
-            "view_dependent_color",
             "pose_blending",
             "source_detail",
         ),
