@@ -10,7 +10,7 @@ surface, or the light on it, is another one, and the drawn colour stays.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -64,6 +64,17 @@ class SourcePicture:
         depth = np.where(there, maps.depth, 0).astype(np.float32)
         return cls(color, depth, inside, intrinsics, world_to_camera)
 
+    def averaged(self, ratio: float) -> SourcePicture:
+        """As a camera looks it up whose pixels are `ratio` of its own wide: over them, by a Gaussian of the variance
+        that a box of so many pixels has more than one of them. Amid the subject is what is so in all of it."""
+        if ratio <= 1:
+            return self
+        sigma = float(np.sqrt((ratio**2 - 1) / 12))
+        color, inside = (
+            cv2.GaussianBlur(m, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE) for m in (self.color, self.inside)
+        )
+        return replace(self, color=color, inside=inside)
+
     @property
     def centre(self) -> np.ndarray:
         """[3] world metres."""
@@ -73,14 +84,13 @@ class SourcePicture:
         """Colours [h, w, 3] of world points [h, w, 3], and whether they are seen [h, w]: where the view's surface
         passes, amid the subject."""
         place, z = project(points, self.intrinsics, self.world_to_camera)
-        ahead = z > 0
-        place = np.where(ahead[..., None], place, -2)
+        place = np.where(z[..., None] > 0, place, -2)  # beside the picture
         u, v = np.moveaxis(points_to_integer_centres(place).astype(np.float32), -1, 0)
         u, v = (np.ascontiguousarray(m) for m in (u, v))
         depth = cv2.remap(self.depth, u, v, cv2.INTER_NEAREST)
         inside = cv2.remap(self.inside, u, v, cv2.INTER_LINEAR)
         color = cv2.remap(self.color, u, v, cv2.INTER_CUBIC)
-        seen = ahead & (depth > 0) & (np.abs(depth - z) < SURFACE * depth) & (inside > 0.99)
+        seen = (depth > 0) & (np.abs(depth - z) < SURFACE * depth) & (inside > 0.99)
         return color, seen
 
 

@@ -27,7 +27,7 @@ from posegaussian.stages.rendering.facts import (
     SURFACE_CLOSING,
 )
 from posegaussian.stages.rendering.lift import GaussianMaps, Lifted, lift
-from posegaussian.stages.rendering.mip import mip_filter
+from posegaussian.stages.rendering.mip import mip_filter, pixel_size
 from posegaussian.stages.rendering.params import RenderingParams
 from posegaussian.stages.rendering.pose_blending import PAST, Sureness, stabilised
 from posegaussian.stages.rendering.sources import (
@@ -174,7 +174,15 @@ class FrameRenderer:
         for view, _ in chosen:
             if view not in self._sources:
                 self._sources[view] = SourcePicture.of(*self.reader.maps(self.i, view), masks[view])
-        sources = [(self._sources[v], weight) for v, weight in chosen]
+        subject = self.reader.subject
+        pixel = pixel_size(np.asarray(camera.intrinsics), camera.centre, subject)
+        sources = [
+            (
+                self._sources[v].averaged(pixel / pixel_size(self.rig.intrinsics[v], self.rig.centres[v], subject)),
+                weight,
+            )
+            for v, weight in chosen
+        ]
         drawn, covered, surface = (t.cpu().numpy() for t in (color, alpha, depth))
         return torch.from_numpy(detailed(drawn, covered, surface, camera, sources))
 

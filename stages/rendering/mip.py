@@ -8,6 +8,11 @@ from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs
 from posegaussian.storage.model.cameras import Rig
 
 
+def pixel_size(intrinsics: np.ndarray, centre: np.ndarray, subject: np.ndarray) -> float:
+    """Metres that a pixel of a camera covers at the subject [3]."""
+    return float(np.linalg.norm(centre - subject)) / float(intrinsics[[0, 1], [0, 1]].mean())
+
+
 def mip_filter(camera: Camera, rig: Rig, views: list[int], subject: np.ndarray) -> Cutoffs:
     """Cut-offs under which a picture that samples the subject [3] more coarsely than the finest of its source views is
     averaged over its pixels.
@@ -19,10 +24,7 @@ def mip_filter(camera: Camera, rig: Rig, views: list[int], subject: np.ndarray) 
     loss: 18.1 and 15.3.
     """
 
-    def pixel(intrinsics: np.ndarray, centre: np.ndarray) -> float:
-        return float(np.linalg.norm(centre - subject)) / float(intrinsics[[0, 1], [0, 1]].mean())
-
-    ratio = pixel(np.asarray(camera.intrinsics), camera.centre) / min(
-        pixel(rig.intrinsics[v], rig.centres[v]) for v in views
+    ratio = pixel_size(np.asarray(camera.intrinsics), camera.centre, subject) / min(
+        pixel_size(rig.intrinsics[v], rig.centres[v], subject) for v in views
     )
     return Cutoffs(low_pass=(1 - ratio**-2) / 12, compensation=True) if ratio > 1 else Cutoffs()
