@@ -14,7 +14,6 @@ from posegaussian.stages.geometry.projection import project
 from posegaussian.stages.geometry.triangulation import triangulate
 from posegaussian.stages.pose.subject_choice import subject
 from posegaussian.stages.survey.algorithms.motion import RUN
-from posegaussian.stages.survey.algorithms.sample import sample_numbers
 from posegaussian.storage.model.joint_sets import joint_set, to_set
 
 SCORE = 0.3
@@ -25,8 +24,6 @@ FITTING = 0.015
 """Distance of a view's joint from the triangulated one up to which it fits, over the picture's longer side: 3 cm
 where a person of 1.75 m fills the picture, and the triangulated joint, a mean over views, is nearer to the true one
 than that."""
-FRAMES = 5
-"""Sampled frames in which joints are compared."""
 
 
 def seen_joints(inputs: Inputs, number: int, residual: float = RESIDUAL) -> np.ndarray:
@@ -55,32 +52,29 @@ def fit_of_view(inputs: Inputs, view: int, numbers: np.ndarray) -> np.ndarray:
     """[3]: median distance, over the picture's longer side, of a view's joints from the triangulated ones, the share
     within FITTING, and how many a frame can be compared.
 
-    Over a few of the sampled source frames `numbers`; a view that is no source, or where nothing can be compared, gets
-    0.
+    Over the source frames `numbers`; a view that is no source, or where nothing can be compared, gets 0.
     """
     sources = list(inputs.views.sources)
     if view not in sources or not len(numbers):
         return np.zeros(3)
-    chosen = sample_numbers(numbers, FRAMES)
     rig, found = inputs.rig.subset(sources), []
-    for number in chosen:
+    for number in numbers:
         seen = seen_joints(inputs, int(number))
         space, own = triangulate(rig, seen, SCORE, RESIDUAL), sources.index(view)
         found.append(reprojection_residual(rig.subset([own]), seen[own : own + 1], space))
     off = np.concatenate(found) / inputs.rig.size[view].max()
     if not len(off):
         return np.zeros(3)
-    return np.array([np.median(off), (off <= FITTING).mean(), len(off) / len(chosen)])
+    return np.array([np.median(off), (off <= FITTING).mean(), len(off) / len(numbers)])
 
 
 def scores_of_view(inputs: Inputs, view: int, numbers: np.ndarray) -> np.ndarray:
-    """[17] mean score of a view's joints, of the person whom the views agree on, over a few of the sampled source
-    frames `numbers`; 0 of a view that is no source."""
+    """[17] mean score of a view's joints, of the person whom the views agree on, over the source frames `numbers`; 0 of
+    a view that is no source."""
     sources = list(inputs.views.sources)
     if view not in sources or not len(numbers):
         return np.zeros(17)
-    chosen = sample_numbers(numbers, FRAMES)
-    return np.asarray(np.mean([seen_joints(inputs, int(n))[sources.index(view), :, 2] for n in chosen], axis=0))
+    return np.asarray(np.mean([seen_joints(inputs, int(n))[sources.index(view), :, 2] for n in numbers], axis=0))
 
 
 def _known(joints: np.ndarray) -> np.ndarray:

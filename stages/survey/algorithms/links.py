@@ -15,13 +15,14 @@ from posegaussian.stages.geometry.matches import epipolar_fit
 from posegaussian.stages.geometry.points import to_frames
 from posegaussian.stages.imaging.small_turns import KINDS, MOST, POINTS
 from posegaussian.stages.silhouettes.tangents import outline, touching
-from posegaussian.stages.survey.algorithms.joints import FRAMES
 from posegaussian.stages.survey.algorithms.look import NO_FRAMES
 from posegaussian.stages.survey.algorithms.sample import sample_numbers
 from posegaussian.stages.survey.algorithms.surface import Seen, compared_numbers, later, seen, shared
 from posegaussian.storage.model.cameras import Rig
 
 Outline = tuple[np.ndarray, np.ndarray]
+FRAMES = 5
+"""Sampled frames in which cameras are compared."""
 
 
 class Both(NamedTuple):

@@ -17,14 +17,14 @@ class JointFitLook(Look):
 
     def __init__(self, s: Sampled) -> None:
         """Of the joints of all source views; pictures are not looked at."""
-        self._sampled, self.joints_of_all = s, s.chosen
+        self._sampled, self.joints_of_all = s, s.few
 
     def blocks(self) -> Iterator[Block]:
         """Distance, share that fits, and how many joints tell."""
         from posegaussian.stages.survey.algorithms.joints import fit_of_view
 
         s = self._sampled
-        yield Block(NAME, fit_of_view(s.inputs, s.view, s.chosen), s.view)
+        yield Block(NAME, fit_of_view(s.inputs, s.view, s.few), s.view)
 
 
 MEASURE = Measure(

@@ -17,14 +17,14 @@ class JointScoresLook(Look):
 
     def __init__(self, s: Sampled) -> None:
         """Of the joints of all source views; pictures are not looked at."""
-        self._sampled, self.joints_of_all = s, s.chosen
+        self._sampled, self.joints_of_all = s, s.few
 
     def blocks(self) -> Iterator[Block]:
         """The mean score of every joint."""
         from posegaussian.stages.survey.algorithms.joints import scores_of_view
 
         s = self._sampled
-        yield Block(NAME, scores_of_view(s.inputs, s.view, s.chosen), s.view)
+        yield Block(NAME, scores_of_view(s.inputs, s.view, s.few), s.view)
 
 
 MEASURE = Measure(
