@@ -70,12 +70,15 @@ def test_between_sources_a_picture_is_nearer_to_what_the_camera_sees() -> None:
 
 
 def test_the_source_whose_ray_is_the_cameras_has_the_say() -> None:
-    """Beside one that looks from 11 degrees aside and has another light: (0.2 / ASIDE + 1)^-4 of it is left."""
+    """Beside one that looks from 11 degrees aside, a chord of 0.2, and has another light: 16 to 1."""
     color, alpha, depth, camera = drawn(pose(0))
     own, aside = source(pose(0)), source(pose(0.4, 0.1))
     brighter = dataclasses.replace(aside, color=aside.color + np.float32(0.05))
-    one, both = (detailed(color, alpha, depth, camera, [(s, 1.0) for s in given]) for given in ([own], [own, brighter]))
-    np.testing.assert_allclose(both, one, atol=1e-4)
+    one, other, both = (
+        detailed(color, alpha, depth, camera, [(s, 1.0) for s in given])[:, 20:]  # which both see
+        for given in ([own], [brighter], [own, brighter])
+    )
+    assert 0 < np.abs(both - one).mean() < 0.1 * np.abs(both - other).mean()
 
 
 def test_what_a_source_does_not_see_stays_bit_by_bit() -> None:
