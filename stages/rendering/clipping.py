@@ -49,13 +49,15 @@ def cover(
     wanted: np.ndarray,
     enough: np.ndarray | None = None,
     corner: tuple[int, int] = (0, 0),
+    depth: np.ndarray | None = None,
 ) -> np.ndarray:
     """[h, w] float32 share 0..1 of each `wanted` [h, w] bool pixel that the hull of the silhouettes covers; 1 where not
     wanted.
 
     See `posegaussian.stages.silhouettes.coverage`. 1 everywhere without silhouettes. Of a pixel whose share reaches
     what is `enough` [h, w] for it, that is all that is said. `wanted` may be a part of the picture; its first pixel is
-    in row and column `corner`.
+    in row and column `corner`. Of a pixel at about whose `depth` [h, w] metres, 0 = unknown, there is some surface
+    nearly the same is said, sooner.
     """
     out = np.ones(wanted.shape, np.float32)
     if not silhouettes.views or not wanted.any():
@@ -71,7 +73,7 @@ def cover(
     out[rows, columns] = coverage(
         silhouettes,
         *rays(pixels, k, pose),
-        guess[rows // BLOCK, columns // BLOCK],
+        np.stack([guess[rows // BLOCK, columns // BLOCK], *([] if depth is None else [depth[rows, columns]])], axis=-1),
         np.ones(len(rows)) if enough is None else enough[rows, columns].astype(np.float64),
     )
     return out
@@ -173,6 +175,7 @@ def retouched(
     lit: float | None,
     outlines: Outlines | None,
     bounds: Silhouettes | None,
+    depth: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Color [h, w, 3], premultiplied, and alpha [h, w] of a rendered picture with holes filled, then its outline evened
     like the `outlines` given, then clipped, as told; float32.
@@ -180,6 +183,7 @@ def retouched(
     `lit`: how much brighter what is made more opaque becomes, see `filled`; None: nothing is filled. The cover is asked
     for where it decides about something: within, as far as that is not opaque, and of what is drawn at last whether it
     covers as much. `bounds`: beyond these, the silhouettes or wider ones, nothing is left; None: nothing is clipped.
+    `depth` [h, w] metres, 0 = unknown, of the surface that is drawn says where cover is likely.
     """
     longer = max(alpha.shape)
     radius = max(REACH, round(HOLE * longer))
@@ -188,17 +192,18 @@ def retouched(
     c, a = color[part].astype(np.float32), alpha[part].astype(np.float32)
     drawn, corner = a > 0, (part[0].start, part[1].start)
     known, covered = np.zeros(a.shape, bool), np.ones(a.shape, np.float32)
+    depth = None if depth is None else cv2.dilate(depth[part], np.ones((2 * REACH + 1, 2 * REACH + 1), np.uint8))
     if lit is not None:
         where = Fillable.of(a, longer)
         known = where.some & (a < 1)
-        covered = cover(silhouettes, camera, known, corner=corner)
+        covered = cover(silhouettes, camera, known, corner=corner, depth=depth)
         c, a = filled(c, a, where, covered, longer, lit)
     if outlines is not None:
         c, a = outlines.evened(c, a)
     if bounds is not None:
         known &= bounds is silhouettes
         near = cv2.dilate(drawn.astype(np.uint8), np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)) > 0
-        c, a = clipped(c, a, np.where(known, covered, cover(bounds, camera, near & (a > 0) & ~known, a, corner)))
+        c, a = clipped(c, a, np.where(known, covered, cover(bounds, camera, near & (a > 0) & ~known, a, corner, depth)))
     for out, found in zip(whole, (c, a), strict=True):
         out[part] = found
     return whole

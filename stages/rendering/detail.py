@@ -14,12 +14,13 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+from numba import njit
 
-from posegaussian.stages.geometry.projection import pixel_centres, project, rays
+from posegaussian.stages.geometry.projection import rays
 from posegaussian.stages.imaging.part import part_around
 from posegaussian.stages.rendering.lift import GaussianMaps
 from posegaussian.stages.splatting.definition.scene import Camera
-from posegaussian.storage.model.cameras import camera_centre, points_to_integer_centres
+from posegaussian.storage.model.cameras import camera_centre, points_from_integer_centres, to_integer_centres
 
 SHARE = 0.65
 """Of what is looked up in a pixel's colour, where it is what is drawn. With 0.8 and 0.9 eight tuning people have 0.01
@@ -59,10 +60,12 @@ class SourcePicture:
         """From the maps that Gaussians are lifted from, and the view's mask [h, w] uint8."""
         color = np.asarray(maps.color, np.float32) / np.float32(255)
         inside = (mask >= INSIDE).astype(np.float32)
+        depth = np.zeros(inside.shape, np.float32)
         there = np.asarray(maps.opacity[0]) > 0
+        finite = np.ones(np.count_nonzero(there), bool)
         for values in (maps.depth, *maps.scale, *maps.normal, *maps.opacity):  # what is not finite draws nothing either
-            there &= np.isfinite(values)
-        depth = np.where(there, maps.depth, 0).astype(np.float32)
+            finite &= np.isfinite(values[there])
+        depth[there] = np.where(finite, maps.depth[there], 0)
         return cls(color, depth, inside, intrinsics, world_to_camera)
 
     def averaged(self, ratio: float) -> SourcePicture:
@@ -81,18 +84,18 @@ class SourcePicture:
         """[3] world metres."""
         return camera_centre(self.world_to_camera)
 
-    def at(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Colours [h, w, 3] of world points [h, w, 3], and whether they are seen [h, w]: where the view's surface
-        passes, amid the subject."""
-        place, z = project(points, self.intrinsics, self.world_to_camera)
-        place = np.where(z[..., None] > 0, place, -2)  # beside the picture
-        u, v = np.moveaxis(points_to_integer_centres(place).astype(np.float32), -1, 0)
-        u, v = (np.ascontiguousarray(m) for m in (u, v))
+    @property
+    def projection(self) -> np.ndarray:
+        """[3, 4] world metres to homogeneous px, integer centres."""
+        return np.asarray(to_integer_centres(self.intrinsics) @ self.world_to_camera[:3])
+
+    def at(self, u: np.ndarray, v: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Colours [h, w, 3] at pixels u, v [h, w] float32, integer centres, and whether points that lie there at depth
+        z [h, w] m are seen [h, w]: where the view's surface passes, amid the subject."""
         depth = cv2.remap(self.depth, u, v, cv2.INTER_NEAREST)
         inside = cv2.remap(self.inside, u, v, cv2.INTER_LINEAR)
         color = cv2.remap(self.color, u, v, cv2.INTER_CUBIC)
-        seen = (depth > 0) & (np.abs(depth - z) < SURFACE * depth) & (inside > 0.99)
-        return color, seen
+        return color, (depth > 0) & (np.abs(depth - z) < SURFACE * depth) & (inside > 0.99)
 
 
 def detailed(
@@ -113,25 +116,88 @@ def detailed(
         return color
     part = part_around(surface, 0)
     k, pose = (np.asarray(m, np.float64) for m in (camera.intrinsics, camera.world_to_camera))
-    origin, directions = rays(pixel_centres((camera.width, camera.height))[part], k, pose)
-    points = origin + directions * np.where(surface, depth, 1)[part][..., None]
-    towards = _unit(origin - points)
+    left, top = part[1].start, part[0].start
+    first = points_from_integer_centres(np.array([[left, top], [left + 1, top], [left, top + 1]]))
+    origin, steps = rays(first, k, pose)
     total, weights = np.zeros(color[part].shape, np.float32), np.zeros(alpha[part].shape, np.float32)
     for source, weight in sources:
-        found, seen = source.at(points)
-        apart = np.linalg.norm(_unit(source.centre - points) - towards, axis=-1)
-        w = (seen * (weight / (apart / ASIDE + 1) ** 4)).astype(np.float32)
-        total += w[..., None] * found
-        weights += w
-    known = surface[part] & (weights > 0)
-    found = np.clip(total / np.where(known, weights, 1)[..., None], 0, 1)  # bicubic sampling overshoots
-    change = found - color[part] / np.where(surface, alpha, 1)[part][..., None]
-    unlike = np.square(change).mean(axis=-1) / UNLIKE**2
-    share = SHARE * np.exp(-unlike / 2) * np.interp(alpha[part], FADE, (0, 1))
+        u, v, z, weight_of = _places(
+            surface[part], depth[part], origin, steps, source.projection, source.centre, weight
+        )
+        _add(total, weights, *source.at(u, v, z), weight_of)
     out = color.copy()
-    out[part] += np.where(known, share * alpha[part], 0)[..., None].astype(np.float32) * change
+    _mix(out[part], alpha[part], total, weights)
     return out
 
 
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
+@njit(cache=True, nogil=True, error_model="numpy")
+def _places(
+    surface: np.ndarray,
+    depth: np.ndarray,
+    origin: np.ndarray,
+    steps: np.ndarray,
+    projection: np.ndarray,
+    centre: np.ndarray,
+    weight: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Where a source camera sees the points of a picture's `surface` [h, w] bool: u and v [h, w] float32 px, integer
+    centres, -2 elsewhere; their depth there [h, w] m; and what the camera weighs at them [h, w] float32.
+
+    depth [h, w] m of the picture; origin [3] of its rays in the world, and steps [3, 3] their directions in the first
+    pixel, the one beside it and the one below. projection [3, 4], centre [3] and weight of the source.
+    """
+    u, v = np.full(surface.shape, -2.0, np.float32), np.full(surface.shape, -2.0, np.float32)
+    z, weights = np.zeros(surface.shape, np.float32), np.zeros(surface.shape, np.float32)
+    place = np.empty(3)
+    for row in range(surface.shape[0]):
+        for column in range(surface.shape[1]):
+            if not surface[row, column]:
+                continue
+            place[:] = projection[:, 3]
+            own, other, both = 0.0, 0.0, 0.0
+            for i in range(3):
+                ray = steps[0, i] + column * (steps[1, i] - steps[0, i]) + row * (steps[2, i] - steps[0, i])
+                point = origin[i] + depth[row, column] * ray
+                here, there = origin[i] - point, centre[i] - point
+                own, other, both = own + here * here, other + there * there, both + here * there
+                for j in range(3):
+                    place[j] += projection[j, i] * point
+            if place[2] > 0:
+                u[row, column], v[row, column] = place[0] / place[2], place[1] / place[2]
+                z[row, column] = place[2]
+                cosine = both / max(np.sqrt(own * other), 1e-24)
+                weights[row, column] = weight / (np.sqrt(max(2 - 2 * cosine, 0.0)) / ASIDE + 1) ** 4
+    return u, v, z, weights
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add(total: np.ndarray, weights: np.ndarray, found: np.ndarray, seen: np.ndarray, weight: np.ndarray) -> None:
+    """Add to total [h, w, 3] and weights [h, w] the colours [h, w, 3] that a source has found, where they are seen [h,
+    w] bool, by their weight [h, w]."""
+    for row in range(seen.shape[0]):
+        for column in range(seen.shape[1]):
+            if seen[row, column]:
+                w = weight[row, column]
+                weights[row, column] += w
+                for i in range(3):
+                    total[row, column, i] += w * found[row, column, i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _mix(color: np.ndarray, alpha: np.ndarray, total: np.ndarray, weights: np.ndarray) -> None:
+    """Mix into color [h, w, 3], premultiplied by alpha [h, w], the mean of what was found, where there is any: colours
+    total [h, w, 3] over weights [h, w]."""
+    change = np.empty(3)
+    for row in range(color.shape[0]):
+        for column in range(color.shape[1]):
+            if not weights[row, column] > 0:
+                continue
+            a, unlike = alpha[row, column], 0.0
+            for i in range(3):
+                found = min(max(total[row, column, i] / weights[row, column], 0.0), 1.0)  # bicubic sampling overshoots
+                change[i] = found - color[row, column, i] / a
+                unlike += change[i] * change[i] / (3 * UNLIKE * UNLIKE)
+            whole = min(max((a - FADE[0]) / (FADE[1] - FADE[0]), 0.0), 1.0)
+            share = SHARE * np.exp(-0.5 * unlike) * whole
+            for i in range(3):
+                color[row, column, i] += share * a * change[i]

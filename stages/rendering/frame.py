@@ -138,7 +138,7 @@ class FrameRenderer:
             masked += more
         if depth is not None:
             color = self._detailed(color, alpha, depth, camera)
-        return *self._retouched(color, alpha, camera, alone), masked
+        return *self._retouched(color, alpha, depth, camera, alone), masked
 
     def _drawn(self, camera: Camera, refined: bool) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None, int]:
         """The picture of the Gaussians before refinement, of the nearest views, or after it, of all views and the same
@@ -187,7 +187,7 @@ class FrameRenderer:
         return torch.from_numpy(detailed(drawn, covered, surface, camera, sources))
 
     def _retouched(
-        self, color: torch.Tensor, alpha: torch.Tensor, camera: Camera, alone: float
+        self, color: torch.Tensor, alpha: torch.Tensor, depth: torch.Tensor | None, camera: Camera, alone: float
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """Colour and alpha of a picture with gaps closed, holes filled, the outline evened and the rest clipped, as far
         as these are on.
@@ -208,7 +208,8 @@ class FrameRenderer:
             else None
         )
         if lit is not None or self.bounds is not None or outlines:
-            touched = retouched(*touched, self.silhouettes, camera, lit, outlines, self.bounds)
+            near = None if depth is None else depth.cpu().numpy()
+            touched = retouched(*touched, self.silhouettes, camera, lit, outlines, self.bounds, near)
         return torch.from_numpy(touched[0]), torch.from_numpy(touched[1])
 
     def _bounds(self) -> Silhouettes | None:

@@ -57,7 +57,7 @@ def _ours(params: RenderingParams, facts: Facts) -> bool:
 STAGE = Stage(
     name="rendering",
     summary="Render novel views from the Gaussians of the nearest source views.",
-    version=4,
+    version=5,
     run="posegaussian.stages.peers.run:run",
     check="posegaussian.stages.rendering.run:check",
     reads=(

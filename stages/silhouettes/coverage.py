@@ -56,27 +56,25 @@ def covered_around(
 
 
 def coverage(
-    silhouettes: Silhouettes, origin: np.ndarray, directions: np.ndarray, guess: np.ndarray, enough: np.ndarray
+    silhouettes: Silhouettes, origin: np.ndarray, directions: np.ndarray, guesses: np.ndarray, enough: np.ndarray
 ) -> np.ndarray:
     """[N] float32 share 0..1 of the pixels of rays [N, 3] that the hull covers.
 
     The largest share, along the ray, of what every mask that sees the point leaves of it: the masks' soft edges carry
-    over. A point that fewer than two see is none of the hull's, as in `posegaussian.stages.silhouettes.hull`. At depths
-    `guess` [N] the ray may be covered as a whole; -1 where there is none. A share that reaches what is `enough` [N] may
-    be larger.
+    over. A point that fewer than two see is none of the hull's, as in `posegaussian.stages.silhouettes.hull`. Depths at
+    which a ray may be covered most are `guesses` [N, G], looked at first; none where not positive. A share that reaches
+    what is `enough` [N] may be larger.
     """
     s = silhouettes
     return _coverage(
         origin,
         directions,
-        guess,
+        guesses,
         enough,
         s.distance,
-        s.whole,
         s.projections,
         s.boxes,
         s.sizes,
-        s.focals,
         s.centre,
         s.radius,
         FINE * s.pixel,
@@ -171,18 +169,30 @@ def _covered_around(
     return found, at
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
+def _share(z: float, start: np.ndarray, along: np.ndarray, distance: np.ndarray, sizes: np.ndarray) -> float:
+    """0..1: the least of what the masks that see a ray's point at depth z leave of it; 0 where too few do."""
+    seen, share, count = 0, 1.0, start.shape[0]
+    for v in range(count):
+        px, _, _ = beside(z, v, start, along, distance, sizes)
+        if px > -np.inf:
+            seen += 1
+            share = min(share, 0.5 - px)
+            if share <= 0:
+                return 0.0
+    return share if seen >= min(WITNESSES, count) else 0.0
+
+
 @njit(cache=True, nogil=True)
 def _coverage(
     origin: np.ndarray,
     directions: np.ndarray,
-    guess: np.ndarray,
+    guesses: np.ndarray,
     enough: np.ndarray,
     distance: np.ndarray,
-    whole: np.ndarray,
     projections: np.ndarray,
     boxes: np.ndarray,
     sizes: np.ndarray,
-    focals: np.ndarray,
     centre: np.ndarray,
     radius: float,
     step: float,
@@ -195,8 +205,10 @@ def _coverage(
     for n in range(len(directions)):
         d = directions[n]
         into_views(origin, d, projections, start, along)
-        if guess[n] > 0 and _inner(guess[n], step, start, along, whole, sizes, focals, order)[0] >= 0:
-            out[n] = 1.0
+        for z in guesses[n]:
+            if z > 0 and out[n] < enough[n]:
+                out[n] = max(out[n], _share(z, start, along, distance, sizes))
+        if out[n] >= enough[n]:
             continue
         for v in range(count):
             order[v] = v  # a ray's points must not depend on the rays before it
@@ -224,5 +236,5 @@ def _coverage(
             if share > best and seen >= min(WITNESSES, count):
                 best = share
             z += free
-        out[n] = min(best, 1.0)
+        out[n] = max(out[n], min(best, 1.0))
     return out

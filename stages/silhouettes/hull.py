@@ -25,7 +25,7 @@ import numpy as np
 
 from posegaussian.stages.geometry.projection import rays
 from posegaussian.stages.silhouettes.distance import box, distance_to_foreground, within
-from posegaussian.stages.silhouettes.march import MOST_POINTS, march
+from posegaussian.stages.silhouettes.march import MOST_POINTS, march, meets
 from posegaussian.storage.model.cameras import Rig, points_from_integer_centres, to_integer_centres
 from posegaussian.storage.model.masks import foreground
 
@@ -163,20 +163,10 @@ class Silhouettes:
         tries = [(t, 0) for t in dict.fromkeys(tolerance)]
         if votes and len(self._but(without)) >= OUTVOTED:
             tries.append((tolerance[1], 1))
-        return self._marched(origin, directions, tries, without, True)
-
-    def met(self, origin: np.ndarray, directions: np.ndarray, tolerance: float, without: int | None) -> np.ndarray:
-        """[N] bool: which rays origin [3] + depth * directions [N, 3] the hull of the views but one leaves something
-        of; `tolerance` px beyond the silhouettes."""
-        return self._marched(origin, directions, [(tolerance, 0)], without, False)[:, 0] > 0
+        return self._marched(origin, directions, tries, without)
 
     def _marched(
-        self,
-        origin: np.ndarray,
-        directions: np.ndarray,
-        tries: list[tuple[float, int]],
-        without: int | None,
-        far: bool,
+        self, origin: np.ndarray, directions: np.ndarray, tries: list[tuple[float, int]], without: int | None
     ) -> np.ndarray:
         """[N, 2] as `march` finds it."""
         out, among = np.zeros((len(directions), 2)), self._but(without)
@@ -193,7 +183,27 @@ class Silhouettes:
                 self._pixel_among(among),
                 tries,
                 among,
-                far,
+                out,
+            )
+        return out
+
+    def met(self, origin: np.ndarray, directions: np.ndarray, tolerance: float, without: int | None) -> np.ndarray:
+        """[N] bool: which rays origin [3] + depth * directions [N, 3] the hull of the views but one leaves something
+        of; `tolerance` px beyond the silhouettes."""
+        out, among = np.zeros(len(directions), bool), self._but(without)
+        if len(among) and len(directions):
+            meets(
+                origin,
+                directions,
+                self.distance,
+                self.projections,
+                self.boxes,
+                self.sizes,
+                self.centre,
+                self.radius,
+                self._pixel_among(among),
+                tolerance,
+                among,
                 out,
             )
         return out

@@ -12,6 +12,8 @@ WITNESSES = 2
 """Other views that must see a point of the hull, where there are as many."""
 BISECTIONS = 4
 """Halvings of the last step: a sixteenth of a pixel."""
+DEEPER = 4.0
+"""Steps within the hull from where a ray enters it, where the next ray is likely to be within, too."""
 MOST_POINTS = 2**15
 """Points of a ray that are looked at: about as many as a ray has px in the largest pictures. Cameras of another
 scale than the scene would walk for ever."""
@@ -219,13 +221,12 @@ def march(
     pixel: float,
     tries: list[tuple[float, int]],
     among: np.ndarray,
-    far: bool,
     ends: np.ndarray,
 ) -> None:
     """Fill ends [N, 2] with near and far depth of each ray [N, 3], 0 where the ray has no hull.
 
     `pixel` is metres a step; `tries` are (tolerance px, views overruled), one after the other until there is a hull;
-    `among` are the views that it is the hull of. Without `far` the near depth stands for the far one.
+    `among` are the views that it is the hull of.
     """
     views = projections.shape[0]
     start, along, order = np.empty((views, 3)), np.empty((views, 3)), among.copy()
@@ -248,11 +249,52 @@ def march(
             near = _end(z0, step, z1, start, along, moves, distance, sizes, order, how)
             if near >= 0:
                 ends[n, 0] = near
-                ends[n, 1] = near
-                if far:
-                    # The way back may stride over a hull thinner than a step: then it is as thick as the point found.
-                    ends[n, 1] = max(near, _end(z1, -step, near, start, along, moves, distance, sizes, order, how))
+                # The way back may stride over a hull thinner than a step: then it is as thick as the point found.
+                ends[n, 1] = max(near, _end(z1, -step, near, start, along, moves, distance, sizes, order, how))
                 break
+
+
+@njit(cache=True, nogil=True)
+def meets(
+    origin: np.ndarray,
+    directions: np.ndarray,
+    distance: np.ndarray,
+    projections: np.ndarray,
+    boxes: np.ndarray,
+    sizes: np.ndarray,
+    centre: np.ndarray,
+    radius: float,
+    pixel: float,
+    tolerance: float,
+    among: np.ndarray,
+    found: np.ndarray,
+) -> None:
+    """Fill found [N] bool: whether a ray [N, 3] has a point in the hull of the views `among` all; otherwise as `march`.
+
+    Of rays in the order of their pixels most meet the hull at the depth where the one before did, which is looked at
+    first.
+    """
+    views = projections.shape[0]
+    start, along, order = np.empty((views, 3)), np.empty((views, 3)), among.copy()
+    moves, how, at = np.empty(views), (tolerance, 0), -1.0
+    for n in range(directions.shape[0]):
+        d = directions[n]
+        found[n] = False
+        z0, z1 = in_sphere(origin - centre, d, radius)
+        if z1 <= z0:
+            continue
+        into_views(origin, d, projections, start, along)
+        motion(start, along, moves)
+        if z0 <= at <= z1 and _outside(at, 1.0, start, along, moves, distance, sizes, order, tolerance, 0) == 0:
+            found[n] = True
+            continue
+        z0, z1 = clip_ray(start, along, boxes, sizes, among, z0, z1)
+        if z1 <= z0:
+            continue
+        step = pixel / math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+        near = _end(z0, step, z1, start, along, moves, distance, sizes, order, how)
+        if near >= 0:
+            found[n], at = True, near + DEEPER * step
 
 
 @njit(cache=True, nogil=True)

@@ -6,6 +6,8 @@ import pytest
 
 from posegaussian.stages.rendering import clipping
 from posegaussian.stages.rendering.clipping import cover, retouched
+from posegaussian.stages.silhouettes import coverage
+from posegaussian.stages.silhouettes.coverage import FINE
 from posegaussian.stages.silhouettes.hull import Silhouettes
 from posegaussian.stages.silhouettes.places import agreed
 from posegaussian.stages.splatting.definition.scene import Camera
@@ -59,25 +61,37 @@ def of_a_sphere(views: int, size: int, margin: int = 0) -> tuple[Silhouettes, Ca
     return agreed(rig, masks), seen_by(rig, 1)
 
 
-def walked(silhouettes: Silhouettes, camera: Camera, wanted: np.ndarray, patch: pytest.MonkeyPatch) -> np.ndarray:
-    """The cover without blocks: ray by ray."""
+def walked(
+    silhouettes: Silhouettes, camera: Camera, wanted: np.ndarray, patch: pytest.MonkeyPatch, step: float = FINE
+) -> np.ndarray:
+    """The cover without blocks and without guesses: ray by ray, in steps of so many px."""
 
     def nothing(_: object, origin: np.ndarray, directions: np.ndarray, around: float) -> tuple[np.ndarray, np.ndarray]:
         return np.zeros(len(directions), bool), np.full(len(directions), -1.0)
 
     with patch.context() as alone:
         alone.setattr(clipping, "covered_around", nothing)
+        alone.setattr(coverage, "FINE", step)
         return cover(silhouettes, camera, wanted)
 
 
+@pytest.mark.parametrize("known", [False, True])
 @pytest.mark.parametrize(("views", "margin"), [(2, 0), (3, 0), (8, 0), (8, 90)])
-def test_blocks_that_are_covered_as_a_whole_say_what_their_rays_say(
-    views: int, margin: int, monkeypatch: pytest.MonkeyPatch
+def test_blocks_and_guesses_say_no_less_than_a_walk_and_no_more_than_a_finer_one(
+    views: int, margin: int, known: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """A walk looks at the share every half px, and so finds the largest but for a quarter of a px, or a little more in
+    views nearer than the sharpest; what is looked at beforehand may lie nearer to it. In sixteenths of the step it is
+    missed by no more than 0.03."""
     silhouettes, camera = of_a_sphere(views, 192, margin)
     everything = np.ones((192, 192), bool)
-    found = cover(silhouettes, camera, everything)
-    np.testing.assert_array_equal(found, walked(silhouettes, camera, everything, monkeypatch))
+    depth = np.full((192, 192), np.linalg.norm(camera.centre - CENTRE), np.float32) if known else None
+    found = cover(silhouettes, camera, everything, depth=depth)
+    at_least = walked(silhouettes, camera, everything, monkeypatch)
+    finer = walked(silhouettes, camera, everything, monkeypatch, FINE / 16)
+    assert (found >= at_least).all()
+    # A single point, at the edge of a picture, may be found by either walk alone.
+    assert (found <= np.maximum(at_least, finer) + 0.03).all()
     assert ((found > 0) & (found < 1)).any()
     assert (found == 1).sum() > 2000
 

@@ -272,7 +272,7 @@ def test_strides_step_over_no_point_of_the_hull(person: PersonCapture, overruled
     silhouettes = Silhouettes.of(rig, masks, np.zeros(3), searched_radius(rig, list(masks), np.zeros(3)))
     pixels = np.argwhere(person.mask[0, 0] > 127)[::37, ::-1]
     origin, directions = rays(points_from_integer_centres(pixels), rig.intrinsics[0], rig.world_to_camera[0])
-    ends = silhouettes._marched(origin, directions, [(0.0, overruled)], None, True)
+    ends = silhouettes._marched(origin, directions, [(0.0, overruled)], None)
     step = silhouettes.pixel / np.linalg.norm(directions[0])
     depths = np.arange(1e-3, 2 * np.linalg.norm(origin), step / 6)
     missed = 0
@@ -344,9 +344,9 @@ def test_a_view_that_is_overruled_does_not_clip_the_ray(person: PersonCapture, v
     silhouettes = Silhouettes.of(rig, masks, np.zeros(3), searched_radius(rig, list(masks), np.zeros(3)))
     pixels = np.argwhere(person.mask[0, 0] > 127)[::11, ::-1]
     origin, directions = rays(points_from_integer_centres(pixels), rig.intrinsics[0], rig.world_to_camera[0])
-    voted = silhouettes._marched(origin, directions, [(0.0, 1)], 0, True)
+    voted = silhouettes._marched(origin, directions, [(0.0, 1)], 0)
     others = silhouettes.kept({*range(1, 8)} - {view})
-    alone = others._marched(origin, directions, [(0.0, 0)], None, True)
+    alone = others._marched(origin, directions, [(0.0, 0)], None)
     both = (voted[:, 0] > 0) & (alone[:, 0] > 0)
     assert both.mean() > 0.9
     # one wrong vote may be spent on a view that is right: the hull is no smaller than the others', but for a step
