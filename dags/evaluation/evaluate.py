@@ -72,14 +72,11 @@ def evaluate(session: Session, names: Sequence[str], methods: Sequence[Method]) 
     contexts: dict[str, Context] = {}
     status = 0
     for method in methods:
-        why = method.lacks()
-        plans: dict[str, Plan | str] = dict.fromkeys(names, why) if why is not None else {}
-        if why is None:
-            session.hint([f"{method.name}: {method.summary}"])
-            plans, came = _run(session, names, method)
-            if came == INTERRUPTED:
-                return Evaluation([], "", came)
-            status = max(status, came)
+        session.hint([f"{method.name}: {method.summary}"])
+        plans, came = _run(session, names, method)
+        if came == INTERRUPTED:
+            return Evaluation([], "", came)
+        status = max(status, came)
         for name, plan in plans.items():
             kind = data_set(session.archive.sequence(name).capture)
             found[name, method.name] = _result(name, kind, method, plan)

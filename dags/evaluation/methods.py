@@ -6,14 +6,11 @@ lie in variants (`dags/planning/variants.py`).
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from posegaussian.dags.config.settings import Configuration, from_assignments, validate
 from posegaussian.dags.config.yaml_source import Document
-from posegaussian.stages.network.card import read_card, shipped
-from posegaussian.stages.network.model.presets import Preset
 from posegaussian.storage.model.errors import ConfigError
 
 OURS = "posegaussian"
@@ -32,8 +29,6 @@ class Method:
     """What it is, in a sentence."""
     assignments: tuple[str, ...] = ()
     """`stage.key=value`, laid over everything else."""
-    lacks: Callable[[], str | None] = lambda: None
-    """Why it cannot be run, or None."""
 
     @property
     def different(self) -> dict[str, Any]:
@@ -47,16 +42,6 @@ class Method:
         own = from_assignments(self.assignments).values
         everywhere = {**own, "sequences": dict.fromkeys(configuration.overrides, own)}
         return validate((*configuration.layers, Document(f"method {self.name}", everywhere)))
-
-
-def without_pose() -> str | None:
-    """Name of weights that ship and were trained to read no pose, or None."""
-    blind = [name for name, file in shipped().items() if not Preset.from_json(read_card(file).network).pose_in]
-    return blind[0] if blind else None
-
-
-def _no_weights() -> str | None:
-    return None if without_pose() else "no weights trained for it ship"
 
 
 def methods() -> dict[str, Method]:
@@ -75,9 +60,8 @@ def methods() -> dict[str, Method]:
         ),
         Method(
             "pose_off",
-            "the network without pose, by weights trained without it",
-            (f"network.weights={without_pose()}", "effects.pose_heatmaps=off"),
-            _no_weights,
+            "the network shown no pose, by weights that a tenth of the training showed none",
+            ("effects.pose_heatmaps=off",),
         ),
         Method(
             "hull",

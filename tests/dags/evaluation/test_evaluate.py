@@ -27,10 +27,10 @@ from tests.support.pipeline import NAME, Pipeline
 
 @pytest.fixture(scope="module")
 def evaluated(finished: Pipeline, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pipeline, Evaluation, dict]:
-    """Ours, the hull and what has no weights on a finished archive: (archive, what came of it, files before)."""
+    """Ours and the hull on a finished archive: (archive, what came of it, files before)."""
     archive = finished.copy(tmp_path_factory.mktemp("evaluated") / "archive")
     before = files(archive.root / NAME)
-    return archive, evaluate(archive.session, [NAME], chosen(f"{OURS},hull,pose_off")), before
+    return archive, evaluate(archive.session, [NAME], chosen(f"{OURS},hull")), before
 
 
 def of(made: Evaluation, method: str) -> Result:
@@ -84,7 +84,7 @@ def test_no_byte_of_the_users_sequence_changes_and_methods_share_what_is_equal(e
 def test_a_second_call_computes_nothing_and_says_the_same(evaluated: tuple) -> None:
     archive, made, _ = evaluated
     before = files(archive.root)
-    again = evaluate(archive.session, [NAME], chosen(f"{OURS},hull,pose_off"))
+    again = evaluate(archive.session, [NAME], chosen(f"{OURS},hull"))
     assert again.results == made.results
     after = files(archive.root)
     assert {k for k in after if "_receipts" in k} == {k for k in before if "_receipts" in k}
@@ -121,11 +121,12 @@ def test_other_methods_are_measured_alike_and_said_what_they_cost(evaluated: tup
 
 def test_what_cannot_be_run_is_said_and_never_made_up(evaluated: tuple) -> None:
     _, made, _ = evaluated
-    assert not of(made, "pose_off").numbers
-    page = "\n".join(markdown(made.results, made.protocol))
-    assert "pose_off: not run: no weights trained for it ship" in page
-    assert re.search(r"\| pose_off +\| not run", page)
-    assert made.status == 0
+    refused = Result(NAME, of(made, OURS).data_set, "given", why="the capture has no depth maps")
+    page = "\n".join(markdown([*made.results, refused], made.protocol))
+    assert "given: not run: the capture has no depth maps" in page
+    assert re.search(r"\| given +\| not run", page)
+    (row,) = rows([refused])
+    assert (row["value"], row["count"], row["definition"]) == (None, 0, "not run: the capture has no depth maps")
 
 
 def test_every_form_of_the_table_says_the_same_numbers(evaluated: tuple) -> None:
