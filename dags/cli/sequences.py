@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import shlex
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -23,6 +24,7 @@ from posegaussian.dags.export.output_paths import output_folder
 from posegaussian.dags.humanize.text import next_command, number
 from posegaussian.dags.session.next_steps import first_look_command
 from posegaussian.dags.simulation.shipped import shipped_scenes
+from posegaussian.storage.model.errors import UserError
 
 
 class ImportCommand(TyperCommand):
@@ -42,7 +44,7 @@ class ImportCommand(TyperCommand):
 
 def import_capture(
     layout: Annotated[str, typer.Argument(help="Layout of the capture.")],
-    source: Annotated[Path, typer.Argument(help="Folder of the capture.")],
+    source: Annotated[Path | None, typer.Argument(help="Folder of the capture.", show_default=False)] = None,
     sequence: Annotated[
         str | None, typer.Option("--sequence", help="Name of the sequence; default: the folder's name.")
     ] = None,
@@ -71,6 +73,8 @@ def import_capture(
     from posegaussian.storage.archive.store import Archive, local_path
     from posegaussian.storage.files.write import require_writable
 
+    if source is None:
+        raise UserError(_half_said(layout))
     session = open_session(config, assignments, archive)
     require_writable(local_path(session.archive_url))  # before the capture is looked through, which may take minutes
     name = sequence or source.resolve().name
@@ -89,6 +93,19 @@ def import_capture(
     say([next_command("inspect", made.name, *session.options)])
     say(first_look_command(session, made.name, capture, "then, a first look in minutes"))
     say([next_command("run", "--sequence", made.name, *session.options, lead="then")])
+
+
+def _half_said(word: str) -> str:
+    """What `import` with a single word lacks, and the whole command."""
+    from posegaussian.storage.importers.find import AUTO
+    from posegaussian.storage.importers.registry import IMPORTERS
+
+    if word in (AUTO, *IMPORTERS):
+        return f"import {word}: which capture? Name its folder, too: posegaussian import {word} FOLDER"
+    return (
+        f"import {word}: in which layout? `posegaussian import {AUTO} {shlex.quote(word)}` finds it; `posegaussian"
+        " import --help` lists all"
+    )
 
 
 def simulate(

@@ -87,6 +87,11 @@ def test_unknown_layout(capture: Path, tmp_path: Path) -> None:
     )
 
 
+def test_a_word_too_few_is_answered_with_the_whole_command(capture: Path, tmp_path: Path) -> None:
+    assert_says(posegaussian("import", str(capture), cwd=tmp_path), f"posegaussian import auto {capture}")
+    assert_says(posegaussian("import", "images", cwd=tmp_path), "posegaussian import images FOLDER")
+
+
 def test_unreadable_video(tmp_path: Path) -> None:
     (tmp_path / "c").mkdir()
     (tmp_path / "c/cam01.mp4").write_bytes(b"this is no video")
