@@ -65,10 +65,10 @@ SEQUENCE = ("survey", "judge", "tracks", "people")
 
 
 def spent(context: Context) -> Counter[str]:
-    """CPU seconds by stage of what these results came from."""
-    found = Counter[str]()
+    """CPU seconds by stage of what these results came from; other settings have left theirs beside it."""
+    found, left_out = Counter[str](), {MEASURES, *context.unneeded()}
     for task, receipt in Book.open(context).receipts.items():
-        if task.stage != MEASURES:
+        if task.stage not in left_out:
             found[task.stage] += receipt.facts["cpu_seconds"]
     return found
 

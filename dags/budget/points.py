@@ -51,12 +51,12 @@ def _learned(depth: str, steps: int) -> dict[str, Any]:
 
 
 POINTS = (
-    Point("preview", "half size, depth from silhouettes alone", -6.8, _floor("hull", 0), 0.5),
-    Point("half, matched", "half size, matched depth, 20 steps of refinement", -3.4, _floor("sweep", 20), 0.5),
-    Point("3/4, matched", "three quarters of the size, matched depth, 20 steps", -2.2, _floor("sweep", 20), 0.75),
-    Point("3/4, learned", "three quarters, matched depth, network, 20 steps", -1.5, _learned("sweep", 20), 0.75),
+    Point("preview", "half size, depth from silhouettes alone", -7.0, _floor("hull", 0), 0.5),
+    Point("half, matched", "half size, matched depth, 20 steps of refinement", -3.1, _floor("sweep", 20), 0.5),
+    Point("3/4, matched", "three quarters of the size, matched depth, 20 steps", -2.0, _floor("sweep", 20), 0.75),
+    Point("3/4, learned", "three quarters, matched depth, network, 20 steps", -1.3, _learned("sweep", 20), 0.75),
     Point("3/4, finer", "three quarters, matched depth, network, 50 steps", -0.9, _learned("sweep", 50), 0.75),
-    Point("learned", "matched depth, network, 20 steps of refinement", -0.7, _learned("sweep", 20)),
+    Point("learned", "matched depth, network, 20 steps of refinement", -0.6, _learned("sweep", 20)),
     Point("learned, finer", "matched depth, network, 50 steps of refinement", -0.1, _learned("sweep", 50)),
     Point(
         "balanced",
