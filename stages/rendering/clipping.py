@@ -73,7 +73,8 @@ def cover(
     out[rows, columns] = coverage(
         silhouettes,
         *rays(pixels, k, pose),
-        np.stack([guess[rows // BLOCK, columns // BLOCK], *([] if depth is None else [depth[rows, columns]])], axis=-1),
+        guess[rows // BLOCK, columns // BLOCK],
+        np.zeros(len(rows)) if depth is None else depth[rows, columns].astype(np.float64),
         np.ones(len(rows)) if enough is None else enough[rows, columns].astype(np.float64),
     )
     return out

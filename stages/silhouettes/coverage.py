@@ -56,25 +56,34 @@ def covered_around(
 
 
 def coverage(
-    silhouettes: Silhouettes, origin: np.ndarray, directions: np.ndarray, guesses: np.ndarray, enough: np.ndarray
+    silhouettes: Silhouettes,
+    origin: np.ndarray,
+    directions: np.ndarray,
+    guess: np.ndarray,
+    near: np.ndarray,
+    enough: np.ndarray,
 ) -> np.ndarray:
     """[N] float32 share 0..1 of the pixels of rays [N, 3] that the hull covers.
 
     The largest share, along the ray, of what every mask that sees the point leaves of it: the masks' soft edges carry
-    over. A point that fewer than two see is none of the hull's, as in `posegaussian.stages.silhouettes.hull`. Depths at
-    which a ray may be covered most are `guesses` [N, G], looked at first; none where not positive. A share that reaches
-    what is `enough` [N] may be larger.
+    over. A point that fewer than two see is none of the hull's, as in `posegaussian.stages.silhouettes.hull`. At depths
+    `guess` [N] the ray may be covered as a whole, and where it is, a walk finds it so; at `near` [N] it may be covered
+    most, which may be more than the points of a walk say. Neither is anywhere where it is not positive. A share that
+    reaches what is `enough` [N] may be larger.
     """
     s = silhouettes
     return _coverage(
         origin,
         directions,
-        guesses,
+        guess,
+        near,
         enough,
         s.distance,
+        s.whole,
         s.projections,
         s.boxes,
         s.sizes,
+        s.focals,
         s.centre,
         s.radius,
         FINE * s.pixel,
@@ -187,12 +196,15 @@ def _share(z: float, start: np.ndarray, along: np.ndarray, distance: np.ndarray,
 def _coverage(
     origin: np.ndarray,
     directions: np.ndarray,
-    guesses: np.ndarray,
+    guess: np.ndarray,
+    near: np.ndarray,
     enough: np.ndarray,
     distance: np.ndarray,
+    whole: np.ndarray,
     projections: np.ndarray,
     boxes: np.ndarray,
     sizes: np.ndarray,
+    focals: np.ndarray,
     centre: np.ndarray,
     radius: float,
     step: float,
@@ -205,10 +217,12 @@ def _coverage(
     for n in range(len(directions)):
         d = directions[n]
         into_views(origin, d, projections, start, along)
-        for z in guesses[n]:
-            if z > 0 and out[n] < enough[n]:
-                out[n] = max(out[n], _share(z, start, along, distance, sizes))
-        if out[n] >= enough[n]:
+        if near[n] > 0:
+            out[n] = _share(near[n], start, along, distance, sizes)
+            if out[n] >= enough[n]:
+                continue
+        if guess[n] > 0 and _inner(guess[n], step, start, along, whole, sizes, focals, order)[0] >= 0:
+            out[n] = 1.0
             continue
         for v in range(count):
             order[v] = v  # a ray's points must not depend on the rays before it
