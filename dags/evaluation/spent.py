@@ -16,7 +16,7 @@ from posegaussian.stages.network.params import NETWORK
 from posegaussian.stages.registry import stage as stage_named
 from posegaussian.stages.rendering.facts import FITTED
 from posegaussian.stages.rendering.params import IBR
-from posegaussian.stages.rendering.sources import REFINED, REFINEMENT, unrefined_arrays
+from posegaussian.stages.rendering.sources import COUNTS, REFINEMENT, unrefined_arrays
 from posegaussian.storage.archive.receipts import Receipt
 from posegaussian.storage.model.errors import ShardMissing
 
@@ -105,10 +105,12 @@ def _count(context: Context, results: Results, frames: range) -> np.ndarray:
         (path,) = context.paths
         return results.read(f"rendering/{path}/gaussians", frames).astype(np.int64)
     share = results.read("refinement/outcome", frames)[:, -1] if REFINEMENT in context.facts else np.zeros(len(frames))
-    kinds = ((share < 1, unrefined_arrays(context.facts)), (share > 0, REFINED))
     found = np.zeros(len(frames), np.int64)
-    for drawn, arrays in kinds:
-        for view in context.views.sources if drawn.any() else ():
+    arrays = unrefined_arrays(context.facts)
+    for view in context.views.sources:
+        if (share > 0).any():
+            found += np.where(share > 0, results.read(COUNTS, frames, view), 0)
+        if (share < 1).any():
             depth, opacity = (results.read(arrays[i], frames, view) for i in (1, 4))
-            found += np.where(drawn, ((depth > 0) & (opacity[:, 0] > 0)).sum(axis=(1, 2)), 0)
+            found += np.where(share < 1, ((depth > 0) & (opacity[:, 0] > 0)).sum(axis=(1, 2)), 0)
     return found

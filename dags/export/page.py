@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from posegaussian.dags.export.background import Backdrop
-from posegaussian.dags.export.splats import chosen_views, frame_gaussians
+from posegaussian.dags.export.splats import chosen_views, frame_gaussians, frame_maps
 from posegaussian.dags.export.splats import needed as needed_by_splats
 from posegaussian.dags.humanize.text import number
 from posegaussian.dags.planning.context import Context
@@ -146,14 +146,19 @@ def view_maps(results: Results, frame: int, view: int, silhouettes: Silhouettes 
     """
     rig = results.context.rig
     width, height = (int(n) for n in rig.size[view])
-    color, *maps = (results.read(a, range(frame, frame + 1), view)[0] for a in map_arrays(results.context.facts))
-    depth, scale, normal, opacity, *twist = (m[..., :height, :width] for m in maps)
+    maps = frame_maps(results, frame, view)
+    maps = maps if maps.places is None else maps.spread(int(rig.size[:, 1].max()))
+    color = np.asarray(maps.color)[:height, :width]
+    depth, scale, normal, opacity = (
+        np.asarray(m)[..., :height, :width] for m in (maps.depth, maps.scale, maps.normal, maps.opacity)
+    )
+    twist = None if maps.twist is None else np.asarray(maps.twist)[..., :height, :width]
     focal = float(rig.intrinsics[view, [0, 1], [0, 1]].mean())
     if silhouettes is not None:
         moved = within(silhouettes, depth, rig, view)
         scale = scale * (moved / np.where(depth > 0, depth, 1))
         depth = moved
-    return ViewMaps(color[:height, :width], depth, scale, normal, opacity, twist[0] if twist else None, focal)
+    return ViewMaps(color, depth, scale, normal, opacity, twist, focal)
 
 
 def _thumbnail(results: Results, frame: int, view: int) -> bytes:

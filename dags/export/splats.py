@@ -14,13 +14,14 @@ from posegaussian.dags.humanize.text import number
 from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.planning.tasks import Product
-from posegaussian.stages.rendering.sources import map_arrays
+from posegaussian.stages.rendering.sources import COUNTS, REFINED, REFINEMENT, map_arrays, unrefined_arrays
 from posegaussian.storage.model.errors import ConfigError, UserError
 from posegaussian.storage.model.splats import Splats
 
 if TYPE_CHECKING:
     import torch
 
+    from posegaussian.stages.rendering.lift import GaussianMaps
     from posegaussian.stages.splatting.definition.scene import Gaussians
 
 
@@ -78,9 +79,8 @@ def chosen_views(context: Context, names: Sequence[str]) -> tuple[int, ...]:
 
 def needed(context: Context, views: Sequence[int]) -> frozenset[Product]:
     """What an export reads: it must be there when the run is over, whatever `keep` says."""
-    return frozenset(
-        Product(a, p, v) for a in map_arrays(context.facts) for p in context.grid.partitions for v in views
-    )
+    arrays = (*map_arrays(context.facts), *((COUNTS,) if REFINEMENT in context.facts else ()))
+    return frozenset(Product(a, p, v) for a in arrays for p in context.grid.partitions for v in views)
 
 
 def export_splats(
@@ -144,16 +144,13 @@ def frame_gaussians(results: Results, frame: int, views: Sequence[int], dtype: t
     """The Gaussians that rendering lifts from one frame of some views, view by view, in the world."""
     import torch
 
-    from posegaussian.stages.rendering.lift import GaussianMaps, lift
+    from posegaussian.stages.rendering.lift import lift
     from posegaussian.stages.splatting.definition.scene import Gaussians
 
     parts = []
     for view in views:
-        maps = GaussianMaps(
-            *(results.read(array, range(frame, frame + 1), view)[0] for array in map_arrays(results.context.facts))
-        )
         lifted = lift(
-            maps,
+            frame_maps(results, frame, view),
             results.context.rig.intrinsics[view],
             results.context.rig.world_to_camera[view],
             dtype,
@@ -161,3 +158,14 @@ def frame_gaussians(results: Results, frame: int, views: Sequence[int], dtype: t
         )
         parts.append(lifted.from_all_sides())
     return Gaussians.concatenate(parts)
+
+
+def frame_maps(results: Results, frame: int, view: int) -> GaussianMaps:
+    """What rendering lifts the Gaussians of one frame of a view from, the refined ones where there are any: a list."""
+    from posegaussian.stages.rendering.lift import GaussianMaps, from_list
+
+    context, at = results.context, range(frame, frame + 1)
+    if REFINEMENT not in context.facts:
+        return GaussianMaps(*(results.read(array, at, view)[0] for array in unrefined_arrays(context.facts)))
+    count = int(results.read(COUNTS, at, view)[0])
+    return from_list([results.read(array, at, view, count)[0] for array in REFINED], context.rig)

@@ -41,9 +41,9 @@ class Results:
         """Views of which any partition of an array is finished, ascending."""
         return sorted({view for _, view in self._outputs.get(array, {}) if view is not None})
 
-    def read(self, array: str, frames: range, view: int | None = None) -> np.ndarray:
-        """[len(frames), ...] of one view. Raises ShardMissing where a partition is not finished, or was made of other
-        source frames than the context's."""
+    def read(self, array: str, frames: range, view: int | None = None, first: int | None = None) -> np.ndarray:
+        """[len(frames), ...] of one view; of a list the `first` so many entries, or all. Raises ShardMissing where a
+        partition is not finished, or was made of other source frames than the context's."""
         outputs = self._outputs.get(array)
         if outputs is None:
             raise ShardMissing(f"array {array} of sequence {self.context.sequence.name} was never made; run first")
@@ -54,7 +54,7 @@ class Results:
                     f" set keep: {{{array}: always}} and `run --force` the stage that makes it"
                 )
             self._refuse_other_frames(array, frames, p, view)
-        return read_frames(self.context.sequence, array, outputs, self.context.grid, frames, view)
+        return read_frames(self.context.sequence, array, outputs, self.context.grid, frames, view, first)
 
     def _refuse_other_frames(self, array: str, frames: range, partition: int, view: int | None) -> None:
         """Raise ShardMissing where a partition was made of other source frames than those of `frames` that are in it:

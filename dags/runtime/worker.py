@@ -86,7 +86,9 @@ class StoreInputs(TimedInputs):
         own = slice(span.start - first, span.stop - first)
         return self._order.footage[1][own], self._order.footage[2][own]
 
-    def read(self, array: str, view: int | None = None, frames: range | None = None) -> np.ndarray:
+    def read(
+        self, array: str, view: int | None = None, frames: range | None = None, first: int | None = None
+    ) -> np.ndarray:
         """[len(span), ...] or those frames of it; only views the stage declared can be read."""
         r = self._reading(array)
         if view not in r.files:
@@ -97,7 +99,7 @@ class StoreInputs(TimedInputs):
         span = r.span if frames is None else frames
         if span and not (r.span.start <= span.start and span.stop <= r.span.stop):
             raise KeyError(f"{self._order.stage} may read frames {r.span} of {array}, not {span}")
-        return read_array(SequenceGroup(self._order.root), r.name, r.dims, span, view, r.files[view])
+        return read_array(SequenceGroup(self._order.root), r.name, r.dims, span, view, r.files[view], first)
 
     def timed(self, module: str) -> AbstractContextManager[None]:
         """Wall time within counts for a module of the kernel."""

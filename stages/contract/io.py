@@ -153,10 +153,13 @@ class Inputs(TaskScope, ABC):
         those that may be asked for."""
 
     @abstractmethod
-    def read(self, array: str, view: int | None = None, frames: range | None = None) -> np.ndarray:
+    def read(
+        self, array: str, view: int | None = None, frames: range | None = None, first: int | None = None
+    ) -> np.ndarray:
         """[len(span), ...]: one view's slice (the view axis removed), or the whole slice of an array without views.
 
         frames: indices within the span that are read instead of all of it, [len(frames), ...].
+        first: how many entries of a list, its axis after the frame's, are read instead of all.
         """
 
     @abstractmethod

@@ -45,7 +45,9 @@ class _ReaderInputs(Inputs):
         """Raise: an inspection has no arrays."""
         raise KeyError(f"an inspection looks at files alone; there is no {array}")
 
-    def read(self, array: str, view: int | None = None, frames: range | None = None) -> np.ndarray:
+    def read(
+        self, array: str, view: int | None = None, frames: range | None = None, first: int | None = None
+    ) -> np.ndarray:
         """Raise: an inspection has no arrays."""
         raise KeyError(f"an inspection looks at files alone; there is no {array}")
 

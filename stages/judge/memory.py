@@ -29,11 +29,14 @@ class Frames(Inputs):
         """All frames there are."""
         return self.partition
 
-    def read(self, array: str, view: int | None = None, frames: range | None = None) -> np.ndarray:
+    def read(
+        self, array: str, view: int | None = None, frames: range | None = None, first: int | None = None
+    ) -> np.ndarray:
         """Whole, or one view's; of all frames, or of some."""
         data = self._arrays[array]
         chosen = data if view is None else data[:, view]
-        return chosen if frames is None else chosen[frames.start : frames.stop]
+        chosen = chosen if frames is None else chosen[frames.start : frames.stop]
+        return chosen if first is None else chosen[:, :first]
 
     def footage(self, array: str) -> tuple[np.ndarray, np.ndarray]:
         """Of all frames."""

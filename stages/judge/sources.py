@@ -24,11 +24,13 @@ class FromSources(Frames):
         """The task's reader."""
         return self._task.source(kind)
 
-    def read(self, array: str, view: int | None = None, frames: range | None = None) -> np.ndarray:
+    def read(
+        self, array: str, view: int | None = None, frames: range | None = None, first: int | None = None
+    ) -> np.ndarray:
         """What was made of these frames, else what the task reads: constants of the whole sequence."""
         if array in self._arrays:
-            return super().read(array, view, frames)
-        return self._task.read(array, view, frames)
+            return super().read(array, view, frames, first)
+        return self._task.read(array, view, frames, first)
 
     def put(self, blocks: Iterable[Block]) -> None:
         """Keep what tasks of one view each yield, beside what was kept of other views, and what belongs to no view."""

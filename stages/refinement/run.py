@@ -3,7 +3,7 @@ steps as that found best."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import torch
@@ -14,23 +14,22 @@ from posegaussian.stages.refinement.judging import Judge
 from posegaussian.stages.refinement.params import FEWEST, RefinementParams
 from posegaussian.stages.refinement.rehearsal import Rehearsal, begin, rehearse
 from posegaussian.stages.refinement.schedule import Schedule
-from posegaussian.stages.refinement.steps.attributes import twist_of
 from posegaussian.stages.refinement.steps.optimise import Walk
-from posegaussian.stages.rendering.lift import GaussianMaps, lift
-from posegaussian.stages.rendering.sources import REFINED
+from posegaussian.stages.rendering.lift import GaussianMaps, Places, lift, twist_of
+from posegaussian.stages.rendering.sources import COUNTS, REFINED
 
 
 def run(inputs: Inputs, params: RefinementParams) -> Iterator[Block]:
-    """Yield the refined maps of every view, and how each frame went.
+    """Yield the refined Gaussians of every view as lists, how many they are, and how each frame went.
 
     Frames are grouped by their index in the sequence, `params.group` at a time. What a frame is depends on itself and
     on its group's rehearsal, which is done again where the partition begins after it, so results do not depend on how
-    the sequence is cut. Views that are no source are 0 throughout; a frame that cannot be refined keeps its maps bit by
+    the sequence is cut. Views that are no source have none; a frame that cannot be refined keeps its Gaussians bit by
     bit.
     """
     frames = FrameReader(inputs, params)
     first, stop = inputs.partition.start, inputs.partition.stop
-    made = {v: [frames.maps(i, v) for i in inputs.partition] for v in inputs.views.sources}
+    made: dict[int, list[GaussianMaps]] = {v: [] for v in inputs.views.sources}
     outcomes = []
     rehearsal: Rehearsal | None = None
     for i in range(first // params.group * params.group, stop):
@@ -42,17 +41,18 @@ def run(inputs: Inputs, params: RefinementParams) -> Iterator[Block]:
         rehearsal = _rehearsed(frames, i, frame, params) if rehearsed else rehearsal
         if i < first:
             continue
-        taught = 0
+        taught, lists = 0, dict[int, GaussianMaps]()
         if frame.plan is not None and rehearsal is not None and rehearsal.refines:
             walk = _trained(frame, frame.plan, rehearsal.step)
-            taught = walk.masked
-            for v, maps in walk.reached.maps().items():
-                made[v][i - first] = maps
+            taught, lists = walk.masked, walk.reached.lists()
+        for v in made:
+            made[v].append(lists[v] if v in lists else frames.maps(i, v).listed())
         outcomes.append(_outcome(frame, rehearsal, rehearsed, taught))
-    nothing = [_nothing(*(int(n) for n in inputs.rig.size.max(axis=0)))] * len(inputs.partition)
     for view in range(len(inputs.rig)):
-        for name, arrays in zip(REFINED, zip(*(_arrays(m) for m in made.get(view, nothing)), strict=True), strict=True):
-            yield Block(name, np.stack(arrays), view)
+        own = made.get(view, [_nothing()] * len(inputs.partition))
+        yield Block(COUNTS, np.array([np.shape(g.depth)[1] for g in own], np.int32), view)
+        for name, arrays in zip(REFINED, zip(*(_arrays(g) for g in own), strict=True), strict=True):
+            yield Block(name, _stacked(arrays), view)
     yield Block("refinement/outcome", np.array(outcomes, np.float32).reshape(len(inputs.partition), -1))
 
 
@@ -84,16 +84,27 @@ def _outcome(frame: FrameGaussians, rehearsal: Rehearsal | None, rehearsed: bool
     return [len(frame.gaussians), r.judge, r.before, r.after, r.step, rehearsed, masked, r.share]
 
 
-def _arrays(maps: GaussianMaps) -> tuple[np.ndarray, ...]:
-    """In the order of `REFINED`."""
-    given = maps.color, maps.depth, maps.scale, maps.normal, maps.opacity
-    return *(np.asarray(a) for a in given), twist_of(maps)
+def _arrays(listed: GaussianMaps) -> tuple[np.ndarray, ...]:
+    """[n, ...] in the order of `REFINED`."""
+    assert listed.places is not None, "Gaussians are written as lists"
+    channels = (np.asarray(a)[:, 0].T for a in (listed.scale, listed.normal, listed.opacity, twist_of(listed)))
+    color, depth, pixel = (np.asarray(a)[0] for a in (listed.color, listed.depth, listed.places.pixel))
+    return color, depth, *channels, pixel
 
 
-def _nothing(width: int, height: int) -> GaussianMaps:
-    """The maps of a view that is no source."""
-    channels = [np.zeros((c, height, width), np.float16) for c in (3, 3, 2, 2)]
-    return GaussianMaps(np.zeros((height, width, 3), np.uint8), np.zeros((height, width), np.float32), *channels)
+def _stacked(lists: Sequence[np.ndarray]) -> np.ndarray:
+    """[F, n, ...] of [n, ...] each, as long as the longest; 0 where the others have ended."""
+    whole = np.zeros((len(lists), max(map(len, lists)), *lists[0].shape[1:]), lists[0].dtype)
+    for listed, own in zip(whole, lists, strict=True):
+        listed[: len(own)] = own
+    return whole
+
+
+def _nothing() -> GaussianMaps:
+    """The list of a view that is no source."""
+    three, two = (np.zeros((c, 1, 0), np.float16) for c in (3, 2))
+    none = Places(np.zeros((1, 0), np.int32), 1)
+    return GaussianMaps(np.zeros((1, 0, 3), np.uint8), np.zeros((1, 0), np.float32), three, three, two, two, none)
 
 
 def check(block: Block, params: RefinementParams) -> list[str]:

@@ -7,8 +7,8 @@ from posegaussian.stages.contract.facts import FEW_SOURCES, Facts
 from posegaussian.stages.frames.effects import NOISE_AVERAGING
 from posegaussian.stages.network.params import TWISTED, depth_reads
 from posegaussian.stages.refinement.params import FEWEST, RefinementParams, halo, optimised_bytes
-from posegaussian.stages.rendering.sources import REFINEMENT, TWIST
-from posegaussian.storage.model.spec import ArraySpec, Shape
+from posegaussian.stages.rendering.sources import COUNTS, REFINEMENT, TWIST
+from posegaussian.storage.model.spec import LISTED, ArraySpec, Shape
 
 
 def needs(shape: Shape, params: RefinementParams) -> Resources:
@@ -33,7 +33,7 @@ def unneeded(params: RefinementParams, facts: Facts) -> str | None:
 STAGE = Stage(
     name=REFINEMENT,
     summary="Optimise each frame's Gaussians on its source pictures through the renderer.",
-    version=13,
+    version=14,
     run="posegaussian.stages.refinement.run:run",
     check="posegaussian.stages.refinement.run:check",
     reads=(
@@ -47,23 +47,23 @@ STAGE = Stage(
     writes=(
         ArraySpec(
             "refinement/color",
-            ("frame", "view", "y", "x", "rgb"),
+            ("frame", "view", LISTED, "rgb"),
             "uint8",
             "sRGB",
-            "Colour of the Gaussian of each pixel; the picture where there is none.",
+            "Colour of each Gaussian.",
             keep="until_done",
         ),
         ArraySpec(
             "refinement/depth",
-            ("frame", "view", "y", "x"),
+            ("frame", "view", LISTED),
             "float32",
             "m",
-            "Depth of the Gaussian of each pixel along the optical axis; 0 where there is no surface.",
+            "Its depth along the optical axis of the view.",
             keep="until_done",
         ),
         ArraySpec(
             "refinement/scale",
-            ("frame", "view", "axis", "y", "x"),
+            ("frame", "view", LISTED, "axis"),
             "float16",
             "m",
             "Standard deviations along (tangent, tangent, normal).",
@@ -71,7 +71,7 @@ STAGE = Stage(
         ),
         ArraySpec(
             "refinement/rotation",
-            ("frame", "view", "axis", "y", "x"),
+            ("frame", "view", LISTED, "axis"),
             "float16",
             "1",
             "Unit normal in camera axes; it is the Gaussian's third axis.",
@@ -79,7 +79,7 @@ STAGE = Stage(
         ),
         ArraySpec(
             "refinement/opacity",
-            ("frame", "view", "faces", "y", "x"),
+            ("frame", "view", LISTED, "faces"),
             "float16",
             "1",
             "Opacity seen face-on and at grazing angle.",
@@ -87,11 +87,26 @@ STAGE = Stage(
         ),
         ArraySpec(
             "refinement/twist",
-            ("frame", "view", "turn", "y", "x"),
+            ("frame", "view", LISTED, "turn"),
             "float16",
             "1",
             "Cosine and sine of the turn about the normal, away from the tangents that follow from it.",
             keep="until_done",
+        ),
+        ArraySpec(
+            "refinement/pixel",
+            ("frame", "view", LISTED),
+            "int32",
+            "px",
+            "The pixel of the picture that it is of: row times the width of all pictures, and column.",
+            keep="until_done",
+        ),
+        ArraySpec(
+            COUNTS,
+            ("frame", "view"),
+            "int32",
+            "1",
+            "Gaussians of each view: how many entries of the lists are used.",
         ),
         ArraySpec(
             "refinement/outcome",

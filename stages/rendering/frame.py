@@ -26,11 +26,12 @@ from posegaussian.stages.rendering.facts import (
     SOURCE_DETAIL,
     SURFACE_CLOSING,
 )
-from posegaussian.stages.rendering.lift import GaussianMaps, Lifted, lift
+from posegaussian.stages.rendering.lift import GaussianMaps, Lifted, from_list, lift
 from posegaussian.stages.rendering.mip import mip_filter, pixel_size
 from posegaussian.stages.rendering.params import RenderingParams
 from posegaussian.stages.rendering.pose_blending import PAST, Sureness, stabilised
 from posegaussian.stages.rendering.sources import (
+    COUNTS,
     REFINED,
     angles_at,
     choose,
@@ -62,19 +63,22 @@ class MapReader:
         self.shares = refined_shares(inputs)
         """[F] share 0..1 of the refined Gaussians' picture in those of each frame."""
         self._maps: dict[tuple[int, bool], tuple[np.ndarray, ...]] = {}
+        self._counts: dict[int, np.ndarray] = {}
+        """{view: [F]} refined Gaussians, of frames whose refined picture is drawn."""
         self._masks: dict[int, np.ndarray] = {}
 
     def maps(self, i: int, view: int, refined: bool = False) -> tuple[GaussianMaps, np.ndarray, np.ndarray]:
         """Maps of the i-th frame of the partition, before or after refinement, and the view's intrinsics [3, 3] and
         pose [4, 4]."""
         if (view, refined) not in self._maps:
-            names = REFINED if refined else unrefined_arrays(self.inputs.facts)
-            self._maps[view, refined] = tuple(self.inputs.read(name, view) for name in names)
-        return (
-            GaussianMaps(*(a[i] for a in self._maps[view, refined])),
-            self.inputs.rig.intrinsics[view],
-            self.inputs.rig.world_to_camera[view],
-        )
+            names, first = unrefined_arrays(self.inputs.facts), None
+            if refined:
+                self._counts[view] = np.where(self.shares > 0, self.inputs.read(COUNTS, view), 0)
+                names, first = REFINED, int(self._counts[view].max())
+            self._maps[view, refined] = tuple(self.inputs.read(name, view, first=first) for name in names)
+        own, rig = [a[i] for a in self._maps[view, refined]], self.inputs.rig
+        maps = from_list([a[: self._counts[view][i]] for a in own], rig) if refined else GaussianMaps(*own)
+        return maps, rig.intrinsics[view], rig.world_to_camera[view]
 
     def masks(self, i: int) -> dict[int, np.ndarray]:
         """Masks [h, w] of the i-th frame by source view that has a picture."""

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import torch
 
 from posegaussian.stages.geometry.tangent_frame import tangents
 from posegaussian.stages.splatting.definition.scene import Camera, Gaussians
-from posegaussian.storage.model.cameras import points_from_integer_centres
+from posegaussian.storage.model.cameras import Rig, points_from_integer_centres
 
 Values: TypeAlias = np.ndarray | torch.Tensor
 Axis: TypeAlias = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
@@ -19,9 +19,19 @@ Pose: TypeAlias = Sequence[Sequence[float]]
 """A matrix, row by row."""
 
 
+class Places(NamedTuple):
+    """Of a list of Gaussians, the pixels of the picture that they are of."""
+
+    pixel: Values
+    """[1, n] row times the picture's width, and column."""
+    width: int
+    """Of the picture, px."""
+
+
 @dataclass(frozen=True, eq=False)
 class GaussianMaps:
-    """One frame of one source view: arrays as the archive holds them, or tensors, whose gradients are kept."""
+    """One frame of one source view: arrays as the archive holds them, or tensors, whose gradients are kept. A list of
+    Gaussians is a map of one row that says which pixels they are of."""
 
     color: Values  # [h, w, 3] uint8, or a tensor of sRGB 0..1
     depth: Values  # [h, w] float32, metres, 0 = none
@@ -29,6 +39,43 @@ class GaussianMaps:
     normal: Values  # [3, h, w] float16, camera axes
     opacity: Values  # [2, h, w] float16, face-on and grazing
     twist: Values | None = None  # [2, h, w] float16, cosine and sine of the turn about the normal; None: no turn
+    places: Places | None = None  # of a list, h = 1; None: each Gaussian is of the pixel where it is in the maps
+
+    def listed(self) -> GaussianMaps:
+        """Those Gaussians alone that have depth and opacity, or what is no number, as a list; of arrays, with a
+        twist."""
+        depth, width = np.asarray(self.depth), np.shape(self.depth)[1]
+        rows, columns = np.nonzero(~(depth <= 0) & ~(np.asarray(self.opacity)[0] <= 0))
+        scale, normal, opacity, twist = (
+            np.asarray(a)[:, None, rows, columns] for a in (self.scale, self.normal, self.opacity, twist_of(self))
+        )
+        color, depth = np.asarray(self.color)[None, rows, columns], depth[None, rows, columns]
+        places = Places((rows * width + columns).astype(np.int32)[None], width)
+        return GaussianMaps(color, depth, scale, normal, opacity, twist, places)
+
+    def spread(self, height: int) -> GaussianMaps:
+        """A list of arrays as maps of a picture so many pixels high, 0 where there is no Gaussian."""
+        assert self.places is not None, "these are maps"
+        width = self.places.width
+        rows, columns = np.divmod(np.asarray(self.places.pixel)[0], width)
+
+        def spread(values: Values) -> np.ndarray:
+            whole = np.zeros((*np.shape(values)[:-2], height, width), np.asarray(values).dtype)
+            whole[..., rows, columns] = np.asarray(values)[..., 0, :]
+            return whole
+
+        scale, normal, opacity, twist = (spread(a) for a in (self.scale, self.normal, self.opacity, twist_of(self)))
+        color = np.moveaxis(spread(np.moveaxis(np.asarray(self.color), 2, 0)), 0, 2)
+        return GaussianMaps(color, spread(self.depth), scale, normal, opacity, twist)
+
+
+def from_list(arrays: Sequence[np.ndarray], rig: Rig) -> GaussianMaps:
+    """The Gaussians of one frame of a view that the archive holds as a list: [n, ...] in the order of
+    `posegaussian.stages.rendering.sources.REFINED`, of cameras `rig`."""
+    color, depth, *channels, pixel = arrays
+    scale, normal, opacity, twist = (a.T[:, None] for a in channels)
+    places = Places(pixel[None], int(rig.size[:, 0].max()))
+    return GaussianMaps(color[None], depth[None], scale, normal, opacity, twist, places)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,12 +117,12 @@ class Lifted:
 
 @dataclass(frozen=True, eq=False)
 class Pixels:
-    """Which pixels of one source view make a Gaussian, and where they look."""
+    """Which entries of the maps of one source view make a Gaussian, and where their pixels look."""
 
     index: torch.Tensor  # [N]
-    """Row times the view's width, and column."""
-    rows: torch.Tensor  # [N]
-    columns: torch.Tensor  # [N]
+    """Row times the maps' width, and column."""
+    pixel: torch.Tensor  # [N]
+    """Row times the picture's width, and column: of maps that are no list the same."""
     x: torch.Tensor  # [N]
     """Of the ray through the pixel's centre at unit depth, camera axes."""
     y: torch.Tensor  # [N]
@@ -86,20 +133,27 @@ class Pixels:
 
     @classmethod
     def of(
-        cls, depth: torch.Tensor, face_on: torch.Tensor, intrinsics: np.ndarray, world_to_camera: np.ndarray
+        cls,
+        depth: torch.Tensor,
+        face_on: torch.Tensor,
+        intrinsics: np.ndarray,
+        world_to_camera: np.ndarray,
+        places: Places | None = None,
     ) -> Pixels:
         """Those with depth [h, w] m, finite and in front of the camera, and some opacity [h, w], of whatever dtype.
-        intrinsics [3, 3] px in our pixel centres; world_to_camera [4, 4]."""
+        intrinsics [3, 3] px in our pixel centres; world_to_camera [4, 4]; `places`: of a list."""
         index = torch.nonzero((_positive(depth) & _positive(face_on)).reshape(-1))[:, 0]
         finite = torch.isfinite(depth.detach().reshape(-1)[index])
         # Not a number is in no relation to 0, and counted where the other of the two is there or is none either.
         masked = int((~finite).sum()) + _not_numbers(depth, face_on)
         index = index if finite.all() else index[finite]
-        rows, columns = index // depth.shape[1], index % depth.shape[1]
+        width = depth.shape[1] if places is None else places.width
+        pixel = index if places is None else torch.as_tensor(places.pixel).to(index).reshape(-1)[index]
+        rows, columns = pixel // width, pixel % width
         k, centre = intrinsics.tolist(), float(points_from_integer_centres(np.zeros(())))
         y = (rows.to(depth.dtype) + (centre - k[1][2])) / k[1][1]
         x = (columns.to(depth.dtype) + (centre - k[0][2]) - k[0][1] * y) / k[0][0]
-        return cls(index, rows, columns, x, y, world_to_camera.tolist(), masked)
+        return cls(index, pixel, x, y, world_to_camera.tolist(), masked)
 
     def __len__(self) -> int:
         return len(self.x)
@@ -137,7 +191,7 @@ class Pixels:
 def lift(
     maps: GaussianMaps, intrinsics: np.ndarray, world_to_camera: np.ndarray, dtype: torch.dtype, device: torch.device
 ) -> Lifted:
-    """One Gaussian for every pixel that has depth and opacity, differentiable in the maps.
+    """One Gaussian for every pixel, or entry of a list, that has depth and opacity, differentiable in the maps.
 
     Position: depth times the ray through the pixel's centre. Orientation: the normal and the tangents that follow from
     it, turned by the twist where there is one. intrinsics [3, 3] px in our pixel centres; world_to_camera [4, 4].
@@ -146,7 +200,7 @@ def lift(
     so the result does not depend on the number of threads.
     """
     depth, opacity = torch.as_tensor(maps.depth).to(device, dtype), torch.as_tensor(maps.opacity).to(device)
-    pixels = Pixels.of(depth, opacity[0], intrinsics, world_to_camera)
+    pixels = Pixels.of(depth, opacity[0], intrinsics, world_to_camera, maps.places)
     (z,) = pixels.at(depth[None])
     return pixels.lift(
         z,
@@ -156,6 +210,15 @@ def lift(
         pixels.colors(maps.color),
         None if maps.twist is None else pixels.at(maps.twist),
     )
+
+
+def twist_of(maps: GaussianMaps) -> np.ndarray:
+    """[2, h, w] float16 of one's own: the maps' twist; (1, 0), no turn, where they have none."""
+    if maps.twist is not None:
+        return np.array(maps.twist)
+    twist = np.zeros((2, *np.shape(maps.depth)), np.float16)
+    twist[0] = 1
+    return twist
 
 
 def _positive(values: torch.Tensor) -> torch.Tensor:

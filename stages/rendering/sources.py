@@ -22,8 +22,11 @@ REFINED = (
     "refinement/rotation",
     "refinement/opacity",
     "refinement/twist",
+    "refinement/pixel",
 )
-"""What they are lifted from after refinement, which gives all of them a twist."""
+"""What they are lifted from after refinement, which gives all of them a twist: lists, not maps."""
+COUNTS = "refinement/count"
+"""[F, V] how many entries of the lists are used."""
 OUTCOME = "refinement/outcome"
 """[F, 8] how each frame's refinement went; the last number is the refined picture's share."""
 NEAR = 0.1

@@ -19,7 +19,7 @@ from posegaussian.stages.rendering.facts import FITTED
 from posegaussian.stages.rendering.params import FIT, GAUSSIANS, RenderingParams
 from posegaussian.stages.rendering.paths import PATHS
 from posegaussian.stages.rendering.pose_blending import PAST
-from posegaussian.stages.rendering.sources import OF_GAUSSIANS, OUTCOME, REFINED, REFINEMENT, TWIST
+from posegaussian.stages.rendering.sources import COUNTS, OF_GAUSSIANS, OUTCOME, REFINED, REFINEMENT, TWIST
 from posegaussian.storage.model.spec import ArraySpec, Shape
 
 OF_MASKS = (SOURCE_DETAIL, SURFACE_CLOSING, SILHOUETTE_CLIPPING, HOLE_FILLING, OUTLINE_EVENING)
@@ -27,8 +27,8 @@ OF_MASKS = (SOURCE_DETAIL, SURFACE_CLOSING, SILHOUETTE_CLIPPING, HOLE_FILLING, O
 
 
 def needs(shape: Shape, params: RenderingParams) -> Resources:
-    """The maps of a partition and the lifted Gaussians of one frame, of all source views, each before and after
-    refinement; one picture's Gaussians; the pictures; the source pictures that detail is looked up in, and the look."""
+    """The maps of a partition, its lists of refined Gaussians and the lifted ones of one frame, of all source views;
+    one picture's Gaussians; the pictures; the source pictures that detail is looked up in, and the look."""
     pixels = shape["y"] * shape["x"]
     wide = 8 if params.precision == "float64" else 4
     # A refined frame draws at most one of four pixels of all views, and of fewer than eight as many as those have.
@@ -38,8 +38,9 @@ def needs(shape: Shape, params: RenderingParams) -> Resources:
         + shape["camera_y"] * shape["camera_x"] * 20 * wide
     )
     detail = pixels * shape["view"] * 20 + shape["camera_y"] * shape["camera_x"] * 200
+    # 21 bytes a pixel before refinement, 25 where there is a twist; of the refined 27 a Gaussian and 4 for its place.
     maps_and_output = shape["frame"] * (
-        pixels * shape["view"] * 48 + shape["camera"] * shape["camera_y"] * shape["camera_x"] * 4
+        pixels * shape["view"] * (25 + 31 / 4) + shape["camera"] * shape["camera_y"] * shape["camera_x"] * 4
     )
     return Resources(
         cpu=1,
@@ -57,7 +58,7 @@ def _ours(params: RenderingParams, facts: Facts) -> bool:
 STAGE = Stage(
     name="rendering",
     summary="Render novel views from the Gaussians of the nearest source views.",
-    version=5,
+    version=6,
     run="posegaussian.stages.peers.run:run",
     check="posegaussian.stages.rendering.run:check",
     reads=(
@@ -65,7 +66,7 @@ STAGE = Stage(
         *(Read(name, when=_ours) for name in OF_GAUSSIANS),
         Read(TWIST, when=lambda p, f: _ours(p, f) and TWISTED in f),
         *depth_reads(),
-        *(Read(name, when=lambda p, f: _ours(p, f) and REFINEMENT in f) for name in (*REFINED, OUTCOME)),
+        *(Read(name, when=lambda p, f: _ours(p, f) and REFINEMENT in f) for name in (*REFINED, COUNTS, OUTCOME)),
         Read(
             "frames/mask",
             when=lambda p, f: not _ours(p, f) or bool(f & {e.name for e in OF_MASKS}),

@@ -43,7 +43,7 @@ from posegaussian.storage.archive.shards import table_digest
 from posegaussian.storage.archive.store import SequenceGroup
 from posegaussian.storage.files.names import Unsafe, files_below
 from posegaussian.storage.model.errors import ArchiveError, ShardMissing
-from posegaussian.storage.model.spec import array_digest
+from posegaussian.storage.model.spec import content_digest
 
 LEFT_OVER = "left over by a killed writer"
 RECEIPT_UNREADABLE = "its receipt cannot be read"
@@ -196,7 +196,7 @@ def _of_content(sequence: SequenceGroup, receipt: Receipt, output: Output) -> st
             block = _block(sequence, receipt, output)
             if block is None:
                 return None
-            found = array_digest(block)
+            found = content_digest(*block)
     except ShardMissing as e:
         return str(e)
     except (
@@ -206,8 +206,11 @@ def _of_content(sequence: SequenceGroup, receipt: Receipt, output: Output) -> st
     return None if found == output.digest else "its content is not the promised one"
 
 
-def _block(sequence: SequenceGroup, receipt: Receipt, output: Output) -> np.ndarray | None:
-    """The block as it was written; None where the array was cut or grown since, so that it cannot be read back whole.
+def _block(
+    sequence: SequenceGroup, receipt: Receipt, output: Output
+) -> tuple[np.ndarray, tuple[str | None, ...]] | None:
+    """The block as it was written, and its dimensions; None where the array was cut or grown since, so that it cannot
+    be read back whole.
 
     Raises ShardMissing where the array is read from other files than the output's.
     """
@@ -233,7 +236,8 @@ def _block(sequence: SequenceGroup, receipt: Receipt, output: Output) -> np.ndar
         [len(range(*i.indices(n))) for i, n in zip(index, array.shape, strict=True) if isinstance(i, slice)],
         array.dtype,
     )
-    return np.asarray(array[tuple(index)])
+    own = tuple(d for d, i in zip(dims, index, strict=True) if isinstance(i, slice))
+    return np.asarray(array[tuple(index)]), own
 
 
 def repair(sequence: SequenceGroup, fault: Fault) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import threading
 import zlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import product, takewhile
 from pathlib import Path
 from typing import Any, Literal
@@ -19,7 +19,7 @@ from posegaussian.storage.archive.store import SequenceGroup
 from posegaussian.storage.files.names import FileSizes
 from posegaussian.storage.files.write import refusals, sync_folder, write_atomically
 from posegaussian.storage.model.errors import ShardCorrupt, ShardMissing
-from posegaussian.storage.model.spec import ArraySpec, TableSpec, array_digest, digest
+from posegaussian.storage.model.spec import LISTED, ArraySpec, TableSpec, content_digest, digest
 from posegaussian.storage.model.timegrid import TimeGrid
 
 COMPILED = {"codec_pipeline.path": "zarrs.ZarrsCodecPipeline", "threading.max_workers": 1}
@@ -30,6 +30,8 @@ OF_ZEROS = {"codec_pipeline.path": "zarr.core.codec_pipeline.BatchedCodecPipelin
 _CONFIGURING = threading.Lock()
 """Held while zarr's configuration, which is one for all threads, is another one: what threads put back in turns would
 stay."""
+WHOLE = ("frame", "view", LISTED)
+"""Dimensions of which a block has no more than one shard's part: of a list all."""
 Guard = Callable[[], object]
 """Called before every file that is written; raises where the writer has lost its right to write."""
 
@@ -86,7 +88,7 @@ def write_array(
         frames: frame indices of the partition (ignored for arrays without a frame axis).
         partition: number of the partition.
         view: index of the view, for arrays with a view axis.
-        data: the block, without the view axis.
+        data: the block, without the view axis; of a list with as many entries as are used, or more.
         guard: called before every shard.
 
     Raises:
@@ -101,9 +103,10 @@ def write_array(
             f"{name}: got a block of view {view}; "
             + ("the array has no views" if views is None else f"its views are 0..{views - 1}")
         )
-    index = tuple(
-        slice(frames.start, frames.stop) if d == "frame" else view if d == "view" else slice(None) for d in spec.dims
-    )
+    own = [d for d in spec.dims if d != "view"]
+    data = _whole_pieces(data, own, dict(zip(spec.dims, zip(array.shape, array.chunks, strict=True), strict=True)))
+    first = data.shape[own.index(LISTED)] if LISTED in own else None
+    index = _index(spec.dims, frames, view, first)
     expected = tuple(len(range(*i.indices(n))) for i, n in zip(index, array.shape, strict=True) if isinstance(i, slice))
     if data.shape != expected or data.dtype != array.dtype:
         raise ValueError(f"{name}: got {data.dtype} {data.shape}, declared {array.dtype} {expected} over {spec.dims}")
@@ -121,7 +124,24 @@ def write_array(
             file.unlink(missing_ok=True)
             (array if data[of].any() else _open(sequence, name, "r+", OF_ZEROS))[into] = data[of]
         files.append(_record(sequence, key, made))
-    return Output(name, view, array_digest(data), tuple(files))
+    return Output(name, view, content_digest(data, own), tuple(files))
+
+
+def _whole_pieces(data: np.ndarray, dims: Sequence[str], lengths: Mapping[str, tuple[int, int]]) -> np.ndarray:
+    """A block whose list, if it has one, ends with a chunk, the first at least; {dimension: (length, chunk)}."""
+    if LISTED not in dims or data.ndim != len(dims):
+        return data
+    axis, (length, piece) = dims.index(LISTED), lengths[LISTED]
+    whole = min(length, -(-max(1, data.shape[axis]) // piece) * piece)
+    return np.pad(data, [(0, max(0, whole - n) if i == axis else 0) for i, n in enumerate(data.shape)])
+
+
+def _index(dims: Iterable[str], span: range, view: int | None, first: int | None) -> tuple[slice | int, ...]:
+    """Of the frames of a span and one view, if there are views, in an array; of a list the first so many, or all."""
+    own: dict[str, slice | int] = {"frame": slice(span.start, span.stop), LISTED: slice(first)}
+    if view is not None:
+        own["view"] = view
+    return tuple(own.get(d, slice(None)) for d in dims)
 
 
 def _region(
@@ -131,10 +151,10 @@ def _region(
     the block has one partition's frames and no view axis."""
     into, of = [], []
     for d, length, number, whole in zip(dims, shards, where, index, strict=True):
-        part = whole if d in ("frame", "view") else slice(number * length, (number + 1) * length)
+        part = whole if d in WHOLE else slice(number * length, (number + 1) * length)
         into.append(part)
         if d != "view":
-            of.append(slice(None) if d == "frame" else part)
+            of.append(slice(None) if d in WHOLE else part)
     return tuple(into), tuple(of)
 
 
@@ -182,11 +202,18 @@ def verify_files(sequence: SequenceGroup, files: Iterable[ShardFile]) -> None:
 
 
 def read_array(
-    sequence: SequenceGroup, name: str, dims: tuple[str, ...], span: range, view: int | None, files: Iterable[ShardFile]
+    sequence: SequenceGroup,
+    name: str,
+    dims: tuple[str, ...],
+    span: range,
+    view: int | None,
+    files: Iterable[ShardFile],
+    first: int | None = None,
 ) -> np.ndarray:
     """Read the frames of `span` of one view, after checking the shards that hold them.
 
-    Returns [len(span), ...] without the view axis (without the frame axis for arrays that have none).
+    Returns [len(span), ...] without the view axis (without the frame axis for arrays that have none); of a list the
+    `first` so many entries, or all.
 
     Raises:
         ShardMissing, ShardCorrupt: also when a checksum inside a shard does not match, the array ends before the span
@@ -195,10 +222,7 @@ def read_array(
     files = tuple(files)
     verify_files(sequence, files)
     array = _open(sequence, name, "r")
-    index = tuple(
-        slice(span.start, span.stop) if d == "frame" else view if d == "view" and view is not None else slice(None)
-        for d in dims
-    )
+    index = _index(dims, span, view, first)
     refuse_huge(
         name,
         [len(range(*i.indices(n))) for i, n in zip(index, array.shape, strict=True) if isinstance(i, slice)],
@@ -232,8 +256,10 @@ def read_frames(
     grid: TimeGrid,
     frames: range,
     view: int | None = None,
+    first: int | None = None,
 ) -> np.ndarray:
-    """Read frames of an array that a run wrote, for export and inspection: [len(frames), ...].
+    """Read frames of an array that a run wrote, for export and inspection: [len(frames), ...], of a list the `first` so
+    many entries, or all.
 
     `outputs` maps (partition, view) to what the receipts promise. Raises ShardMissing where a partition has none, and
     ShardMissing and ShardCorrupt as `read_array` does.
@@ -247,4 +273,4 @@ def read_frames(
             )
         files += output.files
     dims = tuple(_open(sequence, name, "r").metadata.dimension_names or ())
-    return read_array(sequence, name, dims, frames, view, files)
+    return read_array(sequence, name, dims, frames, view, files, first)

@@ -36,7 +36,7 @@ from posegaussian.storage.model.cameras import INTRINSICS_AXES, POSE_AXES, Rig
 from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.errors import ArchiveError, NotWritten
 from posegaussian.storage.model.home import at_home
-from posegaussian.storage.model.spec import BATCH_DIMS, ArraySpec, Shape, array_digest
+from posegaussian.storage.model.spec import BATCH_DIMS, LISTED, ArraySpec, Shape, array_digest
 
 RESHARD = "_reshard"
 """Folder below the archive's where a sequence is cut anew: `new/<name>` until it is whole, `old/<name>` from the
@@ -47,6 +47,10 @@ SOURCES = "_sources"
 
 MAX_CHUNK_BYTES = 16 * 2**20
 """Pictures larger than this are tiled into several chunks of one shard."""
+
+
+LIST_PIECES = 64
+"""Of a list, each a chunk: of 512 x 512 px 4096 entries."""
 
 
 def _pipeline() -> tuple[Any, ...]:
@@ -90,6 +94,7 @@ def layout(
     camera.
 
     Larger pictures are cut into tiles of equal height; the shard then spans whole tiles, a few rows beyond the picture.
+    Lists are cut into pieces, so that those of zeros alone need not be kept.
     """
     lengths = spec.lengths(shape)
     chunk = [1 if d in BATCH_DIMS else n for d, n in zip(spec.dims, lengths, strict=True)]
@@ -97,6 +102,9 @@ def layout(
         {"frame": partition_frames, "view": 1, "camera": 1}.get(d, n) for d, n in zip(spec.dims, lengths, strict=True)
     ]
     for axis, dim in enumerate(spec.dims):
+        if dim == LISTED:
+            chunk[axis] = -(-lengths[axis] // LIST_PIECES)
+            shard[axis] = chunk[axis] * LIST_PIECES
         if dim.split("/")[0] not in ("y", "camera_y", "source_y"):
             continue
         row_bytes = math.prod(chunk[:axis] + chunk[axis + 1 :]) * np.dtype(spec.dtype).itemsize

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -55,12 +55,19 @@ BATCH_DIMS = ("frame", "view", "camera")
 """Dimensions a reader wants one at a time: a chunk is one frame of one view."""
 
 
+LISTED = "gaussian"
+"""Dimension of a list, as long as a picture has pixels. The first of a frame and view are used, how many another array
+says; the others are 0, and neither stored nor read."""
+
+
 def dim_length(dim: str, shape: Shape) -> int:
     """Length of one dimension; `"y/4"` means ceil(y / 4).
 
     Raises KeyError with the known names when the dimension is unknown.
     """
     name, _, divisor = dim.partition("/")
+    if name == LISTED:
+        return shape["y"] * shape["x"]
     length = FIXED_DIMS.get(name, shape.get(name))
     if length is None:
         raise KeyError(f"unknown dimension {name!r}; known are {sorted({*FIXED_DIMS, *shape})}")
@@ -147,6 +154,16 @@ def canonical(value: Any) -> Any:
 def digest(value: Any) -> str:
     """BLAKE2b-128 of the canonical form, 32 hex digits."""
     return hashlib.blake2b(ENCODER.encode(canonical(value)).encode(), digest_size=16).hexdigest()
+
+
+def content_digest(data: np.ndarray, dims: Sequence[str | None]) -> str:
+    """`array_digest` of a block over these dimensions; of a list without the zeros after its last entry, however many
+    of them were read or written."""
+    if LISTED in dims:
+        axis = dims.index(LISTED)
+        used = np.flatnonzero(data.any(axis=tuple(i for i in range(data.ndim) if i != axis)))
+        data = data.take(range(int(used[-1]) + 1 if len(used) else 0), axis)
+    return array_digest(data)
 
 
 def array_digest(array: np.ndarray) -> str:

@@ -5,11 +5,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from posegaussian.dags.planning.plan import State
 from posegaussian.dags.planning.results import Results
-from posegaussian.stages.rendering.sources import REFINED, unrefined_arrays
+from posegaussian.stages.rendering.sources import COUNTS, REFINED
 from tests.support.pipeline import NAME, Pipeline, assert_same_content, content, receipts
 
 SHORT = ["frames.range=0:3", "gaussians.opacity=0.1"]
@@ -53,9 +54,15 @@ def test_rendering_reads_the_refined_maps_and_only_what_follows_is_made_again(
     }
     results = Results(refined.context())
     assert (results.read("refinement/outcome", range(3))[:, 4] > 0).all(), "of every frame a step was kept"
-    for name, prior in zip(REFINED[:-1], unrefined_arrays(frozenset()), strict=True):
-        assert results.read(name, range(3), 1).shape == results.read(prior, range(3), 1).shape
-    assert (results.read("refinement/twist", range(3), 1)[:, 1] != 0).any()
+    counts, pixels = results.read(COUNTS, range(3), 1), np.prod(results.read("frames/mask", range(1), 1)[0].shape)
+    assert (counts > 0).all()
+    assert (counts < pixels / 4).all(), "few of them are left"
+    for name in REFINED:
+        whole, first = (results.read(name, range(3), 1, n) for n in (None, int(counts.max())))
+        assert whole.shape[:2] == (3, pixels)
+        np.testing.assert_array_equal(whole[:, : counts.max()], first)
+        assert not any(own[n:].any() for own, n in zip(whole, counts, strict=True))
+    assert (results.read("refinement/twist", range(3), 1)[..., 1] != 0).any()
     assert any(before[k] != after[k] for k in before if k.startswith("rendering"))
 
 

@@ -49,7 +49,9 @@ def test_inputs_have_their_scope_and_must_say_how_they_read() -> None:
         def span(self, array: str) -> range:
             return range(0)
 
-        def read(self, array: str, view: int | None = None, frames: range | None = None) -> np.ndarray:
+        def read(
+            self, array: str, view: int | None = None, frames: range | None = None, first: int | None = None
+        ) -> np.ndarray:
             return np.zeros(0)
 
         def footage(self, array: str) -> tuple[np.ndarray, np.ndarray]:

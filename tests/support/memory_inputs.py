@@ -14,7 +14,7 @@ from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.contract.io import Block, TaskScope, Views
 from posegaussian.stages.contract.timing import TimedInputs
 from posegaussian.storage.model.cameras import CameraPath, Rig
-from posegaussian.storage.model.spec import ArraySpec
+from posegaussian.storage.model.spec import LISTED, ArraySpec
 
 TIME_INVARIANT = frozenset(
     {
@@ -102,13 +102,16 @@ class MemoryInputs(TimedInputs):
         span = self.span(array)
         return np.asarray(span), self.valid_all[span.start : span.stop]
 
-    def read(self, array: str, view: int | None = None, frames: range | None = None) -> np.ndarray:
+    def read(
+        self, array: str, view: int | None = None, frames: range | None = None, first: int | None = None
+    ) -> np.ndarray:
         data = self.arrays[array]
         if array in TIME_INVARIANT:
             return data if view is None else data[view]
         s = self.span(array) if frames is None else frames
         data = data[s.start : s.stop]
-        return data if view is None else data[:, view]
+        data = data if view is None else data[:, view]
+        return data if first is None else data[:, :first]
 
     def source(self, kind: str) -> Any:
         return self.sources[kind]
@@ -157,7 +160,15 @@ def _place(stage: Stage, whole: dict[str, Any], block: Block, part: range, frame
     assert data.shape[0] == len(part), f"{spec.name}: {data.shape[0]} frames for a partition of {len(part)}"
     shape = (frames, views, *data.shape[1:]) if block.view is not None else (frames, *data.shape[1:])
     target = whole.setdefault(spec.name, np.zeros(shape, data.dtype))
+    if LISTED in spec.dims:  # a view's and a partition's list may be longer than another's
+        longest = max(target.shape[2], data.shape[1])
+        target, data = (_longer(a, axis, longest) for a, axis in ((target, 2), (data, 1)))
+        whole[spec.name] = target
     if block.view is None:
         target[part.start : part.stop] = data
     else:
         target[part.start : part.stop, block.view] = data
+
+
+def _longer(array: np.ndarray, axis: int, length: int) -> np.ndarray:
+    return np.pad(array, [(0, length - n if i == axis else 0) for i, n in enumerate(array.shape)])

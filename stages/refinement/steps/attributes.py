@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from posegaussian.stages.refinement.steps.lifting import Rays
-from posegaussian.stages.rendering.lift import GaussianMaps, Pixels
+from posegaussian.stages.rendering.lift import GaussianMaps, Pixels, Places, twist_of
 from posegaussian.stages.splatting.definition.scene import Gaussians
 
 CHANNELS = {"color": 3, "scale": 3, "rotation": 3, "opacity": 1, "depth": 1, "twist": 1}
@@ -71,21 +71,30 @@ class ViewGaussians:
         return len(self.pixels)
 
     def with_values(self, values: Mapping[str, np.ndarray]) -> GaussianMaps:
-        """The maps with other {attribute: [C, N]}, depth and scale in metres, normals and turns of any length, types as
-        given; a pixel whose Gaussian is not finite, or that has none, stays as it was."""
+        """The Gaussians as a list, with other {attribute: [C, N]}, depth and scale in metres, normals and turns of any
+        length, types as given; one that is not finite stays as it was."""
         (normals, length), (turns, _) = (_unit(values[name]) for name in ("rotation", "twist"))
         good = np.all([np.isfinite(v).all(axis=0) for v in values.values()], axis=0) & (length > 0)
-        rows, columns = self.pixels.rows.numpy()[good], self.pixels.columns.numpy()[good]
-        g = self.given
+        g = self._listed()
         color, depth, scale, normal, opacity = (np.array(m) for m in (g.color, g.depth, g.scale, g.normal, g.opacity))
-        color[rows, columns] = np.rint(values["color"][:, good].T * 255).clip(0, 255)
-        depth[rows, columns] = values["depth"][0, good]
-        scale[:, rows, columns] = values["scale"][:, good]
+        color[0, good] = np.rint(values["color"][:, good].T * 255).clip(0, 255)
+        depth[0, good] = values["depth"][0, good]
+        scale[:, 0, good] = values["scale"][:, good]
         twist = twist_of(g)
-        normal[:, rows, columns] = normals[:, good]
-        opacity[:, rows, columns] = values["opacity"][:, good]
-        twist[:, rows, columns] = turns[:, good]
-        return GaussianMaps(color, depth, scale, normal, opacity, twist)
+        normal[:, 0, good] = normals[:, good]
+        opacity[:, 0, good] = values["opacity"][:, good]
+        twist[:, 0, good] = turns[:, good]
+        return GaussianMaps(color, depth, scale, normal, opacity, twist, g.places)
+
+    def _listed(self) -> GaussianMaps:
+        """As they are given."""
+        g, at = self.given, self.pixels.index.numpy()
+        scale, normal, opacity, twist = (
+            np.asarray(m).reshape(len(m), 1, -1)[..., at] for m in (g.scale, g.normal, g.opacity, twist_of(g))
+        )
+        color, depth = np.asarray(g.color).reshape(1, -1, 3)[:, at], np.asarray(g.depth).reshape(1, -1)[:, at]
+        places = Places(self.pixels.pixel.numpy().astype(np.int32)[None], np.shape(g.depth)[1])
+        return GaussianMaps(color, depth, scale, normal, opacity, twist, places)
 
 
 class SharedGaussians:
@@ -159,8 +168,8 @@ class SharedGaussians:
         for name, a in self.offsets.items():
             np.clip(a, *self.bounds[name], out=a)
 
-    def maps(self) -> dict[int, GaussianMaps]:
-        """{view: its optimised maps}."""
+    def lists(self) -> dict[int, GaussianMaps]:
+        """{view: its optimised Gaussians}."""
         values = self._values()
         found, start = {}, 0
         for view, part in self.views.items():
@@ -173,15 +182,6 @@ class SharedGaussians:
 def _gradient(leaf: torch.Tensor) -> np.ndarray:
     """Of a tensor; 0 where nothing depended on it."""
     return np.zeros(leaf.shape, np.float32) if leaf.grad is None else leaf.grad.numpy()
-
-
-def twist_of(maps: GaussianMaps) -> np.ndarray:
-    """[2, h, w] float16 of one's own: the maps' twist; (1, 0), no turn, where they have none."""
-    if maps.twist is not None:
-        return np.array(maps.twist)
-    twist = np.zeros((2, *np.shape(maps.depth)), np.float16)
-    twist[0] = 1
-    return twist
 
 
 def _unit(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -48,14 +48,15 @@ def test_maps_say_what_the_numbers_say_turns_included(twist: bool) -> None:
     shared = SharedGaussians({0: ViewGaussians.of(maps(np.random.default_rng(1), twist), K, POSE)})
     shared.offsets["twist"][0] = np.random.default_rng(2).uniform(-2, 2, len(shared))
     own = shared.gaussians()
-    again = lift(shared.maps()[0], K, POSE, torch.float32, torch.device("cpu"))
+    again = lift(shared.lists()[0], K, POSE, torch.float32, torch.device("cpu"))
     np.testing.assert_allclose(again.rotation.numpy(), own.rotation.detach().numpy(), atol=2e-3)
     np.testing.assert_allclose(again.mean.numpy(), own.mean.detach().numpy(), atol=1e-5)
 
 
 def test_without_offsets_nothing_changes() -> None:
     given = maps(np.random.default_rng(3), True)
-    found = SharedGaussians({0: ViewGaussians.of(given, K, POSE)}).maps()[0]
+    found = SharedGaussians({0: ViewGaussians.of(given, K, POSE)}).lists()[0]
+    given = given.listed()
     assert found.twist is not None
     assert given.twist is not None
     np.testing.assert_array_equal(found.depth, given.depth)

@@ -38,7 +38,7 @@ def test_looking_at_the_mean_moves_nothing(walk: HostWalk) -> None:
     walk.step()
     before = {name: a.copy() for name, a in walk.gaussians.offsets.items()}
     walk.reached.gaussians()
-    walk.reached.maps()
+    walk.reached.lists()
     for name, a in before.items():
         np.testing.assert_array_equal(walk.gaussians.offsets[name], a)
 

@@ -19,9 +19,11 @@ from posegaussian.stages.registry import stage
 from posegaussian.stages.rendering.sources import REFINED, unrefined_arrays
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
 from tests.support.memory_inputs import run_stage
+from tests.support.refined_lists import as_maps
 
 FRAMES = 4
 OUTCOME = "refinement/outcome"
+MAPS = REFINED[:-1]
 USABLE, JUDGE, BEFORE, AFTER, STEP, REHEARSED, MASKED = range(7)
 
 
@@ -60,22 +62,34 @@ def refine(
     frames: int = FRAMES,
     worth: float = 0.0,
 ) -> dict[str, np.ndarray]:
+    """How it went, and the refined Gaussians as maps."""
     cut = {k: v[:frames] for k, v in arrays.items()}
     params = RefinementParams(steps=steps, group=group, worth=worth)
-    return run_stage(stage("refinement"), params, cut, c.rig, c.views, frames, length)
+    out = run_stage(stage("refinement"), params, cut, c.rig, c.views, frames, length)
+    return {OUTCOME: out[OUTCOME], **as_maps(out, c.rig)}
 
 
-GIVEN = dict(zip(REFINED[:-1], unrefined_arrays(frozenset()), strict=True))
+GIVEN = dict(zip(MAPS[:-1], unrefined_arrays(frozenset()), strict=True))
 """{refined: what it was}; a twist there was none."""
 TWIST = "refinement/twist"
 
 
 def passed_on(out: dict[str, np.ndarray], arrays: dict[str, np.ndarray], frame: int, view: int) -> bool:
+    """Whatever of it may be a Gaussian."""
+    depth, opacity = arrays["depth/depth"][frame, view], arrays["gaussians/opacity"][frame, view, 0]
+    some = ~(depth <= 0) & ~(opacity <= 0)
     kept = all(
-        np.array_equal(out[after][frame, view], arrays[before][frame, view], equal_nan=True)
+        np.array_equal(pixels(out, after, frame, view)[some], pixels(arrays, before, frame, view)[some], equal_nan=True)
         for after, before in GIVEN.items()
     )
-    return kept and bool((out[TWIST][frame, view, 0] == 1).all() and (out[TWIST][frame, view, 1] == 0).all())
+    turns, others = pixels(out, TWIST, frame, view), (pixels(out, name, frame, view)[~some] for name in MAPS)
+    return kept and bool((turns[some] == [1, 0]).all()) and not any(a.any() for a in others)
+
+
+def pixels(arrays: dict[str, np.ndarray], name: str, frame: int, view: int) -> np.ndarray:
+    """[h, w, ...]."""
+    own = arrays[name][frame, view]
+    return own if own.ndim == 2 or name.endswith("color") else np.moveaxis(own, 0, 2)
 
 
 def test_the_judges_picture_gets_better_and_the_kept_step_is_never_worse_than_the_start(
@@ -143,7 +157,7 @@ def test_every_attribute_is_optimised_and_few_of_the_gaussians_are_left(
 
 def test_views_that_are_no_source_are_empty(person: PersonCapture, spoilt: dict[str, np.ndarray]) -> None:
     out = refine(person, spoilt, 1, frames=1)
-    for name in REFINED:
+    for name in MAPS:
         assert not out[name][:, list(person.views.held_out)].any()
 
 
@@ -161,7 +175,7 @@ def test_steps_end_where_more_are_not_worth_it(person: PersonCapture, spoilt: di
     assert free[STEP] > dear[STEP]
     assert free[AFTER] < dear[AFTER] < dear[BEFORE] == free[BEFORE]
     short = refine(person, spoilt, int(dear[STEP]), frames=1)
-    for name in REFINED:  # ends as if so many had been asked for
+    for name in MAPS:  # ends as if so many had been asked for
         np.testing.assert_array_equal(refine(person, spoilt, 80, frames=1, worth=1.0)[name], short[name])
 
 
@@ -187,7 +201,7 @@ def test_a_group_rehearses_once_and_each_of_its_frames_is_trained_on_its_own_pic
         np.testing.assert_array_equal(found[[JUDGE, BEFORE, AFTER, STEP]], by[[JUDGE, BEFORE, AFTER, STEP]])
     # three steps are the best of each frame's own rehearsal, too, so that nothing else can tell the two apart
     np.testing.assert_array_equal(alone[OUTCOME][:, STEP], 3)
-    for name in REFINED:
+    for name in MAPS:
         np.testing.assert_array_equal(together[name], alone[name])
 
 

@@ -103,3 +103,30 @@ def test_opacity_between_face_on_and_grazing(degrees: float, expected: float) ->
     target[:3, 3] = -(lifted.mean[0].numpy() + 3 * np.array([np.sin(a), 0, -np.cos(a)]))
     opacity = lifted.seen_from(Camera(K, target, W, H)).opacity
     np.testing.assert_allclose(opacity.numpy(), expected, atol=2e-3)  # float16 maps
+
+
+def test_a_list_is_lifted_as_its_maps_are_and_is_spread_to_what_they_have_where_there_is_a_gaussian() -> None:
+    """Bit by bit; what has neither depth nor opacity is in no list."""
+    random = np.random.default_rng(5)
+    some = random.uniform(size=(H, W)) < 0.4
+    m = maps((0.1, 0.2, -0.9))
+    scale, opacity = (np.where(random.uniform(size=(H, W)) < 0.5, a, a / 2) for a in (m.scale, m.opacity))
+    full = replace(
+        m,
+        color=random.integers(0, 256, (H, W, 3)).astype(np.uint8),
+        scale=scale,
+        opacity=np.where(some, opacity, 0),
+        twist=random.normal(size=(2, H, W)).astype(np.float16),
+    )
+    listed = full.listed()
+    assert np.shape(listed.depth) == (1, some.sum())
+    for ours, theirs in zip(
+        vars(lift(listed, K, pose(), torch.float32, CPU)).values(),
+        vars(lift(full, K, pose(), torch.float32, CPU)).values(),
+        strict=True,
+    ):
+        assert np.array_equal(ours, theirs)
+    again = listed.spread(H)
+    for name in ("depth", "scale", "normal", "opacity", "twist"):
+        np.testing.assert_array_equal(getattr(again, name), np.where(some, getattr(full, name), 0))
+    np.testing.assert_array_equal(again.color, np.where(some[..., None], full.color, 0))

@@ -14,6 +14,7 @@ from posegaussian.stages.rendering.params import RenderingParams
 from posegaussian.stages.rendering.sources import OUTCOME, REFINED, REFINEMENT, unrefined_arrays
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
 from tests.support.memory_inputs import run_stage
+from tests.support.refined_lists import as_lists, as_maps
 
 COLOR, ALPHA = "rendering/{path}/color", "rendering/{path}/alpha"
 SHARES = (0.0, 1.0, 0.25)
@@ -37,12 +38,12 @@ def arrays(person: PersonCapture) -> dict[str, np.ndarray]:
         }.items()
     }
     given |= run_stage(stage("gaussians"), GaussiansParams(), given, person.rig, person.views, len(SHARES))
-    for after, before in zip(REFINED[:-1], unrefined_arrays(Facts(frozenset())), strict=True):
-        given[after] = given[before].copy()
-    given["refinement/twist"] = np.zeros_like(given["gaussians/opacity"])
-    given["refinement/twist"][:, :, 0] = 1
-    given["refinement/color"] //= 2
-    given["refinement/opacity"] /= 2
+    maps = {a: given[b].copy() for a, b in zip(REFINED[:-2], unrefined_arrays(Facts(frozenset())), strict=True)}
+    maps["refinement/twist"] = np.zeros_like(given["gaussians/opacity"])
+    maps["refinement/twist"][:, :, 0] = 1
+    maps["refinement/color"] //= 2
+    maps["refinement/opacity"] /= 2
+    given |= as_lists(maps)
     given[OUTCOME] = np.zeros((len(SHARES), 8), np.float32)
     given[OUTCOME][:, -1] = SHARES
     return given
@@ -83,7 +84,8 @@ def test_soft_mattes_take_nothing_within_them_off_refined_pictures(
     if width:
         for matte in soft.reshape(-1, *soft.shape[2:]):
             cv2.GaussianBlur(matte, (0, 0), width / 2.563, dst=matte)
-    given = {**arrays, "frames/mask": soft, "refinement/opacity": arrays["gaussians/opacity"]}
+    opaque = as_maps(arrays, person.rig) | {"refinement/opacity": arrays["gaussians/opacity"]}
+    given = {**arrays, "frames/mask": soft, **as_lists(opaque)}
     facts = (REFINEMENT, MASKS, SILHOUETTE_CLIPPING)
     spared = render(person, given, *facts)[ALPHA]
     monkeypatch.setattr(clipping, "SPARED", 0.0)

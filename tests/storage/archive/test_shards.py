@@ -21,7 +21,7 @@ from posegaussian.storage.archive.receipts import Output
 from posegaussian.storage.archive.shards import read_array, read_frames, write_array, write_table
 from posegaussian.storage.archive.store import SequenceGroup
 from posegaussian.storage.model.errors import ShardCorrupt, ShardMissing, UserError
-from posegaussian.storage.model.spec import ArraySpec, TableSpec
+from posegaussian.storage.model.spec import LISTED, ArraySpec, TableSpec, content_digest
 from posegaussian.storage.model.timegrid import TimeGrid
 from tests.support.sample_captures import make_sequence
 
@@ -319,3 +319,43 @@ def test_the_path_of_a_task_fills_the_name_of_its_array(tmp_path: Path) -> None:
     output = write_array(sequence, spec, "still-1", GRID.bounds(2), 2, None, make_values(JOINTS)[8:])
     assert output.array == "rendering/still-1/joints"
     assert output.files[0].key == "rendering/still-1/joints/c.2.0.0"
+
+
+LISTS = ArraySpec("refinement/twist", ("frame", "view", LISTED, "turn"), "float16", "1", "Turns.")
+PIXELS = HEIGHT * WIDTH
+
+
+@settings(derandomize=True, deadline=None, max_examples=20)
+@given(st.lists(st.integers(0, PIXELS), min_size=PARTITION, max_size=PARTITION), st.integers(0, PIXELS), st.data())
+def test_of_a_list_what_is_used_is_kept_and_the_rest_is_zero(
+    lengths: list[int], more: int, data: st.DataObject
+) -> None:
+    """However many zeros were written after its last entry, and however many entries are read."""
+    used, first = max(lengths), data.draw(st.integers(0, PIXELS))
+    rng, whole = np.random.default_rng(sum(lengths)), np.zeros((PARTITION, PIXELS, 2), np.float16)
+    for own, n in zip(whole, lengths, strict=True):
+        own[:n] = rng.uniform(0.5, 1, (n, 2))
+    with tempfile.TemporaryDirectory() as folder:
+        sequence = make_sequence(Path(folder), VIEWS, PARTITION, range(FRAMES))
+        sequence.ensure_array(LISTS, SHAPE)
+        written = whole[:, : min(PIXELS, used + more)]
+        made = write_array(sequence, LISTS, "", range(PARTITION), 0, 1, written)
+        assert made.digest == content_digest(whole, ("frame", LISTED, "turn"))
+        read = read_array(sequence, LISTS.name, LISTS.dims, range(PARTITION), 1, made.files, first)
+        np.testing.assert_array_equal(read, whole[:, :first])
+        again = read_array(sequence, LISTS.name, LISTS.dims, range(1, PARTITION), 1, made.files)
+        np.testing.assert_array_equal(again, whole[1:])
+        with pytest.raises(ValueError, match="declared"):
+            write_array(sequence, LISTS, "", range(PARTITION), 0, 1, np.zeros((PARTITION, PIXELS + 1, 2), np.float16))
+
+
+def test_pieces_of_a_list_that_nobody_uses_are_not_stored(tmp_path: Path) -> None:
+    """A long list with a few entries takes hardly more bytes than a short one."""
+    size = {}
+    for side in (64, 512):
+        sequence = make_sequence(tmp_path / str(side), VIEWS, PARTITION, range(FRAMES))
+        sequence.ensure_array(LISTS, SHAPE | {"y": side, "x": side})
+        entries = np.random.default_rng(0).normal(size=(PARTITION, 60, 2)).astype(np.float16)
+        (file,) = write_array(sequence, LISTS, "", range(PARTITION), 0, 0, entries).files
+        size[side] = file.size
+    assert size[512] < 1.2 * size[64], "64 entries of its index a frame, of 16 bytes each, are there in both"
