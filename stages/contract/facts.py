@@ -99,6 +99,8 @@ SINGLE_SOURCE = fact("single_source")
 """There is one source view only."""
 FEW_SOURCES = fact("few_sources")
 """There are fewer than three source views: none can be left out and drawn from two others."""
+REFINING = fact("refining")
+"""Gaussians are to be optimised on their frame's own pictures."""
 GIVEN_JOINTS = fact("given_joints")
 """Joints came with the capture, 2D ones of a source view or 3D ones."""
 GIVEN_DEPTH = fact("given_depth")

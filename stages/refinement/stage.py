@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from posegaussian.stages.contract.declaration import Read, Resources, Stage, Typical
-from posegaussian.stages.contract.facts import FEW_SOURCES, Facts
+from posegaussian.stages.contract.facts import FEW_SOURCES, REFINING, Facts
 from posegaussian.stages.frames.effects import NOISE_AVERAGING
 from posegaussian.stages.network.params import TWISTED, depth_reads
 from posegaussian.stages.refinement.params import FEWEST, RefinementParams, halo, optimised_bytes
@@ -123,6 +123,7 @@ STAGE = Stage(
     needs=needs,
     typical=Typical(seconds=3e-6, ratio=0.2),
     unneeded=unneeded,
+    facts=lambda capture, views, params, facts: [] if unneeded(params, facts) else [REFINING],
     effects=(NOISE_AVERAGING,),
     optional=True,
 )

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from posegaussian.stages.contract.facts import Facts
+from posegaussian.stages.contract.facts import REFINING, Facts
 from posegaussian.stages.contract.judged import GIVEN_MATTE, LEARNED, NONE
 from posegaussian.stages.network import precision
 from posegaussian.stages.network.choice import CANDIDATES, PICKED, best_of, fitting_weights, pick, settled
@@ -56,6 +56,16 @@ def test_more_likeness_never_turns_weights_off() -> None:
 
 def test_it_waits_for_the_judge_where_the_judge_can_tell() -> None:
     assert pick(evidence(8, None, GIVEN_MATTE)) is None
+
+
+@pytest.mark.parametrize("scores", [None, drawn(-3.0, -0.2), drawn(3.0, 0.2)])
+def test_where_refinement_follows_the_angle_decides_and_left_out_views_are_not_asked(scores: np.ndarray | None) -> None:
+    for views, fits in ((8, "fast"), (4, "wide"), (3, "none")):
+        found, alone = pick(evidence(views, scores, GIVEN_MATTE, REFINING)), pick(evidence(views, None, REFINING))
+        assert found is not None
+        assert alone is not None
+        assert found.fact == alone.fact == PICKED[fits]
+        assert found.reason == alone.reason
 
 
 def test_where_nothing_can_be_judged_the_angle_decides() -> None:
