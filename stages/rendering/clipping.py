@@ -141,15 +141,19 @@ def filled(
     transparent neighbour keeps its own, and becomes as much brighter as it becomes more opaque with `lit` of 1; with 0
     its light stays: Gaussians that were trained on black make up by their colours for what they lack in opacity.
     """
-    solid, wide = alpha > 0.5, _nearby(longer)
-    nearby, weight = (cv2.GaussianBlur(a.astype(np.float32), (0, 0), wide) for a in (color, alpha))
-    more = np.where(where.some, np.maximum(covered - alpha, 0), 0) * (weight > 1e-3)
-    light = more * np.where(where.hole, 1, np.float32(lit))
-    own = color / np.where(solid, alpha, 1)[..., None]
-    around = nearby / np.maximum(weight, 1e-3)[..., None]
-    return (color + light[..., None] * np.where(solid[..., None], own, around)).astype(np.float32), (
-        alpha + more
-    ).astype(np.float32)
+    wide, (out, opaque) = _nearby(longer), (a.astype(np.float32) for a in (color, alpha))
+    weight = cv2.GaussianBlur(opaque, (0, 0), wide)
+    at = np.nonzero(where.some & (covered > alpha) & (weight > 1e-3))
+    if not len(at[0]):
+        return out, opaque
+    own, shown, hole = color[at], alpha[at], where.hole[at]
+    solid, more = shown > 0.5, covered[at] - shown
+    light = more * np.where(hole, 1, np.float32(lit))
+    around = cv2.GaussianBlur(out, (0, 0), wide)[at] / weight[at][:, None]
+    own = own / np.where(solid, shown, 1)[:, None]
+    out[at] = color[at] + light[:, None] * np.where(solid[:, None], own, around)
+    opaque[at] = shown + more
+    return out, opaque
 
 
 def _nearby(longer: int) -> float:

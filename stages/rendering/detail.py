@@ -14,11 +14,12 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+import torch
 from numba import njit
 
 from posegaussian.stages.geometry.projection import rays
 from posegaussian.stages.imaging.part import part_around
-from posegaussian.stages.rendering.lift import GaussianMaps
+from posegaussian.stages.rendering.lift import GaussianMaps, positive
 from posegaussian.stages.splatting.definition.scene import Camera
 from posegaussian.storage.model.cameras import camera_centre, points_from_integer_centres, to_integer_centres
 
@@ -60,12 +61,15 @@ class SourcePicture:
         """From the maps that Gaussians are lifted from, and the view's mask [h, w] uint8."""
         color = np.asarray(maps.color, np.float32) / np.float32(255)
         inside = (mask >= INSIDE).astype(np.float32)
-        depth = np.zeros(inside.shape, np.float32)
-        there = np.asarray(maps.opacity[0]) > 0
-        finite = np.ones(np.count_nonzero(there), bool)
-        for values in (maps.depth, *maps.scale, *maps.normal, *maps.opacity):  # what is not finite draws nothing either
-            finite &= np.isfinite(values[there])
-        depth[there] = np.where(finite, maps.depth[there], 0)
+        depth, (given, *others) = (
+            np.zeros(inside.shape, np.float32),
+            (np.asarray(a) for a in (maps.depth, *maps.scale, *maps.normal, *maps.opacity)),
+        )
+        there = np.flatnonzero(positive(torch.as_tensor(maps.opacity[0])))
+        finite = np.ones(len(there), bool)
+        for values in (given, *others):  # what is not finite draws nothing either
+            finite &= np.isfinite(values.reshape(-1)[there])
+        depth.reshape(-1)[there] = np.where(finite, given.reshape(-1)[there], 0)
         return cls(color, depth, inside, intrinsics, world_to_camera)
 
     def averaged(self, ratio: float) -> SourcePicture:

@@ -79,10 +79,11 @@ def agreement(rig: Rig, masks: Mapping[int, np.ndarray], silhouettes: Silhouette
 def unexplained(rig: Rig, view: int, mask: np.ndarray, silhouettes: Silhouettes) -> np.ndarray:
     """[S + 1] share of a view's foreground that is not explained without each of the S views,
     and (last) with all of them."""
-    rows, columns = np.nonzero(foreground(mask[: rig.size[view, 1], : rig.size[view, 0]]))
-    some = slice(None, None, max(1, len(rows) // RAYS))
+    inside = foreground(mask[: rig.size[view, 1], : rig.size[view, 0]])
+    pixels = np.flatnonzero(inside)
+    rows, columns = np.divmod(pixels[:: max(1, len(pixels) // RAYS)], inside.shape[1])
     origin, directions = rays(
-        points_from_integer_centres(np.stack([columns[some], rows[some]], axis=-1)),
+        points_from_integer_centres(np.stack([columns, rows], axis=-1)),
         rig.intrinsics[view],
         rig.world_to_camera[view],
     )

@@ -18,9 +18,12 @@ TRUE = 0.95
 def distance_to_foreground(mask: np.ndarray, size: np.ndarray) -> np.ndarray:
     """[h, w] float32: px by which a pixel lies outside the silhouette, sub-pixel from the soft edge, saturated;
     inside <= 0."""
-    out, soft = np.full(mask.shape, FARTHEST, np.float32), mask[: size[1], : size[0]]
-    steps = cv2.distanceTransform((~foreground(soft)).astype(np.uint8), cv2.DIST_L2, 3)
-    _beside_soft(soft, steps, FOREGROUND, out[: size[1], : size[0]])
+    out = np.full(mask.shape, FARTHEST, np.float32)
+    part = part_around(mask[: size[1], : size[0]] > 0, int(FARTHEST) + 2)  # the rest is farther away than is told apart
+    soft, beside = (a[: size[1], : size[0]][part] for a in (mask, out))
+    if soft.size:
+        steps = cv2.distanceTransform((~foreground(soft)).astype(np.uint8), cv2.DIST_L2, 3)
+        _beside_soft(soft, steps, FOREGROUND, beside)
     return out
 
 

@@ -47,9 +47,9 @@ def reconciled(
     views nobody can be overruled: they stay as they are.
     """
     places = contradicting(rig, masks, silhouettes, unexplained)
-    return without_say(
-        silhouettes, np.stack([cv2.dilate(p, disc(AROUND)) for p in places]) > 0 if len(places) else places
-    )
+    if not places.any():
+        return silhouettes
+    return without_say(silhouettes, np.stack([cv2.dilate(p, disc(AROUND)) for p in places]) > 0)
 
 
 def contradicting(
@@ -125,7 +125,7 @@ def _asked(inside: np.ndarray) -> np.ndarray:
     """[n, 2] columns and rows of the foreground [h, w] that are asked: a grid, and the rim."""
     chosen = inside & (cv2.erode(inside.astype(np.uint8), np.ones((3, 3), np.uint8)) == 0)
     chosen[::STRIDE, ::STRIDE] |= inside[::STRIDE, ::STRIDE]
-    rows, columns = np.nonzero(chosen)
+    rows, columns = np.divmod(np.flatnonzero(chosen), inside.shape[1])
     return np.stack([columns, rows], axis=-1)
 
 

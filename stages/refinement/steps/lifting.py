@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from posegaussian.stages.rendering.lift import Pixels
+from posegaussian.stages.rendering.lift import Pixels, place, turn, unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +36,7 @@ class Rays:
         """([N, 3] centres, world metres; [N, 3, 3] columns (tangent, tangent, normal), world axes) of depths [N] m,
         normals [3, N] of any length, camera axes, and turns [2, N], cosine and sine of any length."""
         mean, rotation = np.empty((len(depth), 3), np.float32), np.empty((len(depth), 3, 3), np.float32)
-        _lifted(depth, normal, twist, self.x, self.y, self.starts, self.poses, mean, rotation)
+        place(depth, normal, twist, self.x, self.y, self.starts, self.poses, mean, rotation)
         return mean, rotation
 
     def slopes(
@@ -50,49 +50,6 @@ class Rays:
             normal, twist, self.x, self.y, self.starts, self.poses, by_mean, by_rotation, by_depth, by_normal, by_twist
         )
         return by_depth, by_normal, by_twist
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _unit(x, y, z):  # type: ignore[no-untyped-def]
-    """A normal at unit length, and its length; one without a length faces the camera."""
-    length = np.sqrt(x * x + y * y + z * z)
-    if length == 0:
-        return np.float32(0), np.float32(0), np.float32(-1), length
-    return x / length, y / length, z / length, length
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _turn(cosine, sine):  # type: ignore[no-untyped-def]
-    """A turn at unit length, and its length; one without a length is none."""
-    length = np.sqrt(cosine * cosine + sine * sine)
-    if length == 0:
-        return np.float32(1), np.float32(0), length
-    return cosine / length, sine / length, length
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _lifted(depth, normal, twist, x, y, starts, poses, mean, rotation):  # type: ignore[no-untyped-def]
-    """As `Rays.lifted`, into the last two."""
-    one = np.float32(1)
-    for view in range(len(poses)):
-        p = poses[view]
-        for n in range(starts[view], starts[view + 1]):
-            z = depth[n]
-            px, py, pz = x[n] * z - p[0, 3], y[n] * z - p[1, 3], z - p[2, 3]
-            nx, ny, nz, _ = _unit(normal[0, n], normal[1, n], normal[2, n])
-            c, s, _ = _turn(twist[0, n], twist[1, n])
-            k = one / (one - nz)
-            xy = k * nx * ny
-            ax, ay, az = one - k * nx * nx, -xy, nx  # the tangents that follow from the normal
-            bx, by, bz = xy, k * ny * ny - one, -ny
-            tx, ty, tz = c * ax + s * bx, c * ay + s * by, c * az + s * bz
-            ux, uy, uz = c * bx - s * ax, c * by - s * ay, c * bz - s * az
-            for i in range(3):
-                right, down, ahead = p[0, i], p[1, i], p[2, i]
-                mean[n, i] = right * px + down * py + ahead * pz
-                rotation[n, i, 0] = right * tx + down * ty + ahead * tz
-                rotation[n, i, 1] = right * ux + down * uy + ahead * uz
-                rotation[n, i, 2] = right * nx + down * ny + ahead * nz
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -113,8 +70,8 @@ def _slopes(normal, twist, x, y, starts, poses, by_mean, by_rotation, by_depth, 
                 r0, r1, r2 = by_rotation[n, 0, axis], by_rotation[n, 1, axis], by_rotation[n, 2, axis]
                 for i in range(3):
                     g[axis, i] = p[i, 0] * r0 + p[i, 1] * r1 + p[i, 2] * r2
-            nx, ny, nz, long = _unit(normal[0, n], normal[1, n], normal[2, n])
-            c, s, turned = _turn(twist[0, n], twist[1, n])
+            nx, ny, nz, long = unit(normal[0, n], normal[1, n], normal[2, n])
+            c, s, turned = turn(twist[0, n], twist[1, n])
             k = one / (one - nz)
             xy = k * nx * ny
             ax, ay, az = one - k * nx * nx, -xy, nx
