@@ -24,7 +24,7 @@ GUARDS = (
         '("frame", "view", "y", "x"),\n            "float32",',
         '("frame", "view", "y", "x"),\n            "float16",',
     ),
-    guards_of("D3")(LIFT, "(_positive(depth) & _positive(face_on))", "_positive(face_on)"),
+    guards_of("D3")(LIFT, "(positive(depth) & positive(face_on))", "positive(face_on)"),
     guards_of("D3")(
         LIFT,
         "finite = torch.isfinite(depth.detach().reshape(-1)[index])",
