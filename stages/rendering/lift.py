@@ -180,9 +180,8 @@ class Pixels:
     ) -> Lifted:
         """Gaussians of values at the pixels: depth [N] m, normal [3, N] of any length in camera axes, scale [N, 3] m,
         faces [N, 2], color [N, 3], twist [2, N] of any length."""
-        if not any(
-            a.requires_grad or a.device.type != "cpu" for a in (depth, normal, depth if twist is None else twist)
-        ):
+        given = (depth, normal) if twist is None else (depth, normal, twist)
+        if all(a.device.type == "cpu" and not a.requires_grad for a in given):
             return Lifted(*self._placed(depth, normal, twist), scale, faces, color, self.masked)
         axis = _unit(*normal)
         mean = _to_world(

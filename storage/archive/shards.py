@@ -105,7 +105,7 @@ def write_array(
         )
     own = [d for d in spec.dims if d != "view"]
     data = _whole_pieces(data, own, dict(zip(spec.dims, zip(array.shape, array.chunks, strict=True), strict=True)))
-    first = data.shape[own.index(LISTED)] if LISTED in own else None
+    first = data.shape[own.index(LISTED)] if LISTED in own and data.ndim == len(own) else None
     index = _index(spec.dims, frames, view, first)
     expected = tuple(len(range(*i.indices(n))) for i, n in zip(index, array.shape, strict=True) if isinstance(i, slice))
     if data.shape != expected or data.dtype != array.dtype:

@@ -345,8 +345,9 @@ def test_of_a_list_what_is_used_is_kept_and_the_rest_is_zero(
         np.testing.assert_array_equal(read, whole[:, :first])
         again = read_array(sequence, LISTS.name, LISTS.dims, range(1, PARTITION), 1, made.files)
         np.testing.assert_array_equal(again, whole[1:])
-        with pytest.raises(ValueError, match="declared"):
-            write_array(sequence, LISTS, "", range(PARTITION), 0, 1, np.zeros((PARTITION, PIXELS + 1, 2), np.float16))
+        for shape in ((PARTITION, PIXELS + 1, 2), (PARTITION, PIXELS), (PARTITION,)):
+            with pytest.raises(ValueError, match="declared"):
+                write_array(sequence, LISTS, "", range(PARTITION), 0, 1, np.zeros(shape, np.float16))
 
 
 def test_pieces_of_a_list_that_nobody_uses_are_not_stored(tmp_path: Path) -> None:
