@@ -19,6 +19,7 @@ from posegaussian.stages.imaging.color import to_display
 from posegaussian.stages.imaging.exposure import match
 from posegaussian.stages.imaging.facts import CROP_SCALE, UNDISTORTION
 from posegaussian.stages.imaging.pixel_effects import crop_displacement, lens_displacement
+from posegaussian.stages.rendering.sources import COUNTS, REFINED
 from posegaussian.stages.smoothing.facts import TEMPORAL_SMOOTHING
 from posegaussian.storage.model.errors import UserError
 from posegaussian.storage.model.masks import foreground
@@ -176,11 +177,24 @@ def _depths(results: Results, frame: int, views: Sequence[int]) -> Iterator[Chan
     if len(there) < 2:
         return
     box = _box(_mask(results, frame, views[0]))
-    maps = [_array(results, array, frame, views[0])[box] for array in there]
+    whole = [_array(results, array, frame, views[0]) for array in there if array not in REFINED]
+    if len(whole) < len(there):
+        whole.append(_refined(results, frame, views[0], whole[-1]))
+    maps = [m[box] for m in whole]
     apart = np.where((maps[0] > 0) & (maps[-1] > 0), np.abs(maps[-1] - maps[0]) / FAR, 0)
     names, said = zip(*there.values(), strict=True)
     told = f"{results.context.rig.names[views[0]]}: {', '.join(said)}; difference, {FAR * 100:g} cm and more are white"
     yield _row(names, told, [*(color_depth(m) for m in maps), _grey(apart)])
+
+
+def _refined(results: Results, frame: int, view: int, before: np.ndarray) -> np.ndarray:
+    """[h, w] metres: the depth `before` refinement, and that of the Gaussians which it left where it left some."""
+    count, after = int(_array(results, COUNTS, frame, view)), before.copy()
+    depth, pixel = (
+        results.read(f"refinement/{name}", range(frame, frame + 1), view, count)[0] for name in ("depth", "pixel")
+    )
+    after.reshape(-1)[pixel] = depth
+    return after
 
 
 def _on(results: Results, *names: str) -> tuple[str, ...]:

@@ -143,3 +143,18 @@ def test_a_sequence_without_results_has_nothing_to_show(made: Pipeline, tmp_path
     fresh.register()
     assert rows(fresh)[1] == {}
     assert fresh.session.names([]) == [NAME]
+
+
+def test_refined_depth_is_shown_where_gaussians_are_left_over_what_it_was(made: Pipeline, tmp_path: Path) -> None:
+    """Refinement keeps a list, which is no map; the last panel but one is refined, the first as matched."""
+    keep = "keep={refinement/depth: always, refinement/pixel: always}"
+    refined = made.copy(tmp_path / "refined").with_settings("refinement.steps=2", keep)
+    refined.run()
+    results, found = rows(refined)
+    assert "refined" in found["depth.method"].caption
+    view = results.context.views.sources[0]
+    before = results.read("depth/depth", range(FRAME, FRAME + 1), view)[0]
+    after = changes._refined(results, FRAME, view, before)
+    count = int(results.read("refinement/count", range(FRAME, FRAME + 1), view)[0])
+    assert 0 < (after != before).sum() <= count
+    assert (after[before == 0] == 0).all()
