@@ -18,7 +18,12 @@ NO_LINK = f"no two cameras share {exposure.FEWEST_POINTS} well exposed surface p
 FEWEST_POINTS = 200
 """Points of an outline, over a few pictures, below which its offset is chance."""
 LEAST_GAIN = 0.0
-"""dB by which gains must better the pictures of left-out views."""
+"""dB by which gains must better the pictures of left-out views, where more than the bound is proven."""
+LIKELY, CLEAR_GAIN = 0.5, 0.03
+"""Share of the bound that suffices where gains better these pictures by so many dB. Cameras that are alike, people like
+captures, 512 px: of ten scenes on which features or surface differ by more than the bound gains draw nothing better,
+-0.02 to -0.78 dB. Cameras that differ by a third of a stop: with 0.20 stops proven they draw +0.05 and +0.11 dB, and
+finished pictures gain 0.48 and 0.23; with none proven +0.04, and finished ones lose 0.28."""
 SCATTERED = 2.0
 """Interquartile range, captured px, above which a view's edges tell nothing:
 clutter beside the subject, or no edge at all."""
@@ -65,18 +70,19 @@ def _exposure(evidence: Evidence, bound: float) -> Decision | None:
         f"on surfaces that cameras share, {first} and {second} differ by {found.apart[pair]:.2f} stops, at least"
         f" {proven:.2f} of them for certain"
     )
-    if proven <= bound or not judged:
-        return Decision(bool(proven > bound), proven, bound, told)
-    means = mean_scores(evidence.noted[EXPOSURE])
+    means = mean_scores(evidence.noted[EXPOSURE]) if judged and proven > LIKELY * bound else None
     if means is None:
-        return Decision(True, proven, bound, told)
+        return Decision(bool(proven > bound), proven, bound, told)
     better = float(means[1, 0] - means[0, 0])
+    on, so = better >= (LEAST_GAIN if proven > bound else CLEAR_GAIN), ""
+    if proven <= bound and on:
+        so = f", so {LIKELY * bound:g} stops suffice"
     return Decision(
-        better >= LEAST_GAIN,
+        on,
         proven,
         bound,
         f"{told}; left-out source views, drawn from the others, have {drawn_at(means, 1)} with gains,"
-        f" {drawn_at(means, 0)} without",
+        f" {drawn_at(means, 0)} without{so}",
     )
 
 

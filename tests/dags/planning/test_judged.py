@@ -16,7 +16,7 @@ from posegaussian.stages.contract.declaration import Decision, Picked
 from posegaussian.stages.contract.judged import DEPTH, EXPOSURE, GIVEN_MATTE, NONE, SHARED_LIGHT
 from posegaussian.stages.depth.choice import AHEAD, TIE, pick, tried
 from posegaussian.stages.depth.methods.registry import BY_PICTURES, METHODS
-from posegaussian.stages.frames.effects import EXPOSURE_MATCHING
+from posegaussian.stages.frames.effects import CLEAR_GAIN, EXPOSURE_MATCHING, LIKELY
 from posegaussian.stages.frames.exposures import SURFACE
 from posegaussian.stages.imaging.exposure import NONE as UNSEEN
 from posegaussian.stages.simulator.subjects.capsule_person import capture_person
@@ -202,3 +202,22 @@ def test_gains_are_those_of_the_surface_that_the_judge_saw_and_are_applied_where
         assert found.on == on
         if on:
             assert "differ by 1.00 stops" in found.reason
+
+
+@pytest.mark.parametrize(
+    ("stops", "gained", "on"),
+    [(0.3, 0.9, False), (0.3, 1.1, True), (0.2, 50.0, False), (0.6, 0.0, True), (0.6, -0.1, False)],
+)
+def test_half_of_the_bound_suffices_where_gains_draw_clearly_better(
+    judged: tuple[Pipeline, list], stops: float, gained: float, on: bool
+) -> None:
+    """`gained`: dB, over what is clear."""
+    seen, bound = features(3, stops, points=64), EXPOSURE_MATCHING.threshold
+    scores = np.array([[[20.0, 0.9, 1.0], [20.0 + gained * CLEAR_GAIN, 0.9, 1.0]]])
+    found = decided(judged[0], {SURFACE: features(3, 0.5), SHARED_LIGHT: seen, EXPOSURE: scores})
+    assert found is not None
+    assert found.on == on
+    assert isinstance(found.measured, float)
+    at = np.searchsorted([LIKELY * bound, bound], found.measured)
+    assert at == {0.2: 0, 0.3: 1, 0.6: 2}[stops], "below half of the bound, below the bound, above it"
+    assert ("stops suffice" in found.reason) == (on and at == 1)
