@@ -221,7 +221,7 @@ def _make(sequence: SequenceGroup, order: WorkOrder, lease: Lease) -> Receipt:
 def _inputs_unchanged(sequence: SequenceGroup, order: WorkOrder) -> None:
     """Raise when what was read may not be what was ordered: a receipt is removed before any of its shards is
     touched."""
-    receipts = {p.key: read_receipt(sequence, p.key) for p in order.promises}
+    receipts = {key: read_receipt(sequence, key) for key in {p.key for p in order.promises}}
     for p in order.promises:
         receipt = receipts[p.key]
         if receipt is None or receipt.present.get((p.array, p.view)) != p.digest:

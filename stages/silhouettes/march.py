@@ -85,26 +85,32 @@ def _outside(
     return 0.0 if seen - against >= min(WITNESSES, len(order)) else 1e-9
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+def _kept(constant: float, slope: float, z0: float, z1: float) -> tuple[float, float]:
+    """The part of [z0, z1] where constant + slope z is not negative. Empty: (inf, -inf)."""
+    low, high = constant + slope * z0, constant + slope * z1
+    if low < 0:
+        return (np.inf, -np.inf) if high < 0 else (-constant / slope, z1)
+    return (z0, -constant / slope) if high < 0 else (z0, z1)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _part(
-    start: np.ndarray, along: np.ndarray, x0: float, y0: float, x1: float, y1: float, z0: float, z1: float
+    start: np.ndarray, along: np.ndarray, v: int, x0: float, y0: float, x1: float, y1: float, z0: float, z1: float
 ) -> tuple[float, float]:
-    """The part of [z0, z1] that one view sees inside a box of its picture; a box is convex, so there is one part.
-    Empty: (inf, -inf)."""
-    for side in range(5):
-        # Side 4 is the camera's plane; the others say sign * (coordinate - bound * w) >= 0. All are linear in z.
-        bound = (x0, y0, x1, y1, 0.0)[side]
-        sign = -1.0 if side in (2, 3) else 1.0
-        axis = 2 if side == 4 else side % 2
-        slope = sign * (along[axis] - bound * along[2])
-        constant = sign * (start[axis] - bound * start[2])
-        low, high = constant + slope * z0, constant + slope * z1
-        if low < 0 and high < 0:
-            return np.inf, -np.inf
-        if low < 0:
-            z0 = -constant / slope
-        elif high < 0:
-            z1 = -constant / slope
+    """The part of [z0, z1] that view v sees inside a box of its picture; a box is convex, so there is one part. Empty:
+    (inf, -inf)."""
+    x, y, w = start[v, 0], start[v, 1], start[v, 2]
+    dx, dy, dw = along[v, 0], along[v, 1], along[v, 2]
+    z0, z1 = _kept(x - x0 * w, dx - x0 * dw, z0, z1)
+    if z0 <= z1:
+        z0, z1 = _kept(y - y0 * w, dy - y0 * dw, z0, z1)
+    if z0 <= z1:
+        z0, z1 = _kept(x1 * w - x, x1 * dw - dx, z0, z1)
+    if z0 <= z1:
+        z0, z1 = _kept(y1 * w - y, y1 * dw - dy, z0, z1)
+    if z0 <= z1:
+        z0, z1 = _kept(w, dw, z0, z1)
     return z0, z1
 
 
@@ -133,7 +139,7 @@ def _watched(
     seen = np.empty((len(among), 2))
     for n in range(len(among)):
         v = among[n]
-        seen[n, 0], seen[n, 1] = _part(start[v], along[v], 0.0, 0.0, sizes[v, 0] - 1, sizes[v, 1] - 1, z0, z1)
+        seen[n, 0], seen[n, 1] = _part(start, along, v, 0.0, 0.0, sizes[v, 0] - 1, sizes[v, 1] - 1, z0, z1)
     return _witnessed(seen, z0, z1)
 
 
@@ -153,8 +159,8 @@ def clip_ray(
     seen, kept = np.empty((views, 2)), np.empty((views, 2))
     for n in range(views):
         v = among[n]
-        seen[n, 0], seen[n, 1] = _part(start[v], along[v], 0.0, 0.0, sizes[v, 0] - 1, sizes[v, 1] - 1, z0, z1)
-        kept[n, 0], kept[n, 1] = _part(start[v], along[v], boxes[v, 0], boxes[v, 1], boxes[v, 2], boxes[v, 3], z0, z1)
+        seen[n, 0], seen[n, 1] = _part(start, along, v, 0.0, 0.0, sizes[v, 0] - 1, sizes[v, 1] - 1, z0, z1)
+        kept[n, 0], kept[n, 1] = _part(start, along, v, boxes[v, 0], boxes[v, 1], boxes[v, 2], boxes[v, 3], z0, z1)
     z0, z1 = _witnessed(seen, z0, z1)
     moved = True
     while moved and z0 < z1:
