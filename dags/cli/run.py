@@ -229,7 +229,7 @@ def why(
     Example: posegaussian why balance depth 3
     """
     from posegaussian.dags.diagnostics.run_log import still_failed
-    from posegaussian.dags.planning.explain import by_stage, first_cause
+    from posegaussian.dags.planning.explain import by_stage, first_cause, not_fresh
     from posegaussian.dags.planning.explain import why as chain
     from posegaussian.dags.planning.plan import State
 
@@ -247,7 +247,9 @@ def why(
         )
     stale = [t for t in chosen if p.verdicts[t].state is not State.FRESH]
     short = partition is None and bool(stale) and stale[0].partition is not None
-    failures = [f for f in still_failed(session.archive, [p.context.sequence.name]) if f.task in chosen]
+    place = {t: n for n, t in enumerate(dict.fromkeys([*not_fresh(p, stale), *chosen]))}  # what others wait for leads
+    found = [f for f in still_failed(session.archive, [p.context.sequence.name]) if f.task in place]
+    failures = sorted(found, key=lambda f: place[f.task])
     for failure in failures[:1] if short else failures:
         label, when = failure.task.label(p.context.views.names), failure.when[:19].replace("T", " ")
         say([f"{label} failed {when} UTC: {failure.error}"], "red")

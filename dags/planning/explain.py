@@ -45,7 +45,7 @@ def why(plan: Plan, task: Task) -> list[str]:
 
 def first_cause(plan: Plan, tasks: Sequence[Task]) -> str:
     """One line on tasks of a stage that are not fresh: the reason to which all of them go back, or most."""
-    stale = [t for t in _behind(plan, tasks) if plan.verdicts[t].state is State.STALE] or tasks
+    stale = [t for t in not_fresh(plan, tasks) if plan.verdicts[t].state is State.STALE] or tasks
     stage = stale[0].stage
     (reasons, _) = Counter(plan.verdicts[t].reasons for t in stale if t.stage == stage).most_common(1)[0]
     because = "" if stage == tasks[0].stage else f" because of {stage}"
@@ -55,9 +55,20 @@ def first_cause(plan: Plan, tasks: Sequence[Task]) -> str:
 def by_stage(plan: Plan, tasks: Sequence[Task]) -> list[str]:
     """One line for every stage on the way back from tasks that are not fresh: how many, and why."""
     found: dict[str, list[TaskVerdict]] = {}
-    for t in _behind(plan, tasks):
+    for t in not_fresh(plan, tasks):
         found.setdefault(t.stage, []).append(plan.verdicts[t])
     return [f"{stage}, {_states(some)}: {told(some)}" for stage, some in found.items()]
+
+
+def not_fresh(plan: Plan, tasks: Sequence[Task]) -> list[Task]:
+    """Tasks, and all that they wait for that is not fresh either, in the order of flow."""
+    found, waiting = set(tasks), list(tasks)
+    for t in waiting:  # grows while it is walked through
+        for d in dependencies(plan.context, t):
+            if d in plan.verdicts and plan.verdicts[d].state is not State.FRESH and d not in found:
+                found.add(d)
+                waiting.append(d)
+    return [t for t in plan.verdicts if t in found]
 
 
 def _states(verdicts: Iterable[TaskVerdict]) -> str:
@@ -70,17 +81,6 @@ def told(verdicts: Iterable[TaskVerdict]) -> str:
     shown = [f"{r} ({n}x)" if n > 1 else r for r, n in reasons.most_common(MOST_REASONS)]
     rest = len(reasons) - len(shown)
     return "; ".join([*shown, f"and {number(rest, 'more reason')}"] if rest else shown)
-
-
-def _behind(plan: Plan, tasks: Sequence[Task]) -> list[Task]:
-    """Tasks and all behind them that are not fresh either, in the order of flow."""
-    found, waiting = set(tasks), list(tasks)
-    for t in waiting:  # grows while it is walked through
-        for d in dependencies(plan.context, t):
-            if d in plan.verdicts and plan.verdicts[d].state is not State.FRESH and d not in found:
-                found.add(d)
-                waiting.append(d)
-    return [t for t in plan.verdicts if t in found]
 
 
 def _past(plan: Plan, task: Task) -> Iterator[str]:

@@ -76,3 +76,6 @@ def test_of_many_failures_one_is_told_and_where_the_others_are(
     assert more.startswith("and 2 more: posegaussian status --failed ")
     assert first == "depth is not fresh: never made"
     assert "a cosmic ray" in told(archive, "depth", "1")[0]
+    assert told(archive, "rendering")[:2] == [failure, more], "what it waits for failed"
+    of_one = [line for line in told(archive, "rendering", "1") if "a cosmic ray" in line]
+    assert [line.partition(" failed ")[0] for line in of_one] == ["depth p0001"]
