@@ -149,14 +149,27 @@ class Session:
             return UnreachedBackend(local_pools(run), e)
 
     def refusals(self, plans: Sequence[Plan]) -> list[str]:
-        """Sentences about what the disk does not hold, and about work that no worker of this machine could do; of a
-        scheduler given by address nothing is known before it is asked."""
+        """Sentences about work that no worker of this machine could do, and about a folder that takes no file, or what
+        the disk does not hold; of a scheduler given by address nothing is known before it is asked."""
         run = self.configuration.default.run
         todo = [p for p in plans if not p.all_fresh]
         return [
             *(refusals(plans, local_pools(run)) if run.scheduler in ("serial", "local") else []),
-            *(forecast.refusals(todo, self.archive, self.history) if todo else []),
+            *(self._shut(todo) or (forecast.refusals(todo, self.archive, self.history) if todo else [])),
         ]
+
+    def _shut(self, plans: Sequence[Plan]) -> list[str]:
+        """Sentences about the first folder that takes no file, of those that a run of the plans writes to."""
+        try:
+            self._require_writable(plans)
+        except NotWritten as e:
+            return [str(e)]
+        return []
+
+    def _require_writable(self, plans: Sequence[Plan]) -> None:
+        """Raise NotWritten unless a run of the plans may write where it would."""
+        for folder in (self.archive.root, *(p.context.sequence.root for p in plans)) if plans else ():
+            require_writable(folder)
 
     @cached_property
     def history(self) -> forecast.History:
@@ -183,8 +196,7 @@ class Session:
         A sequence whose work no worker can do is refused before the start; raises ConfigError when none is left, and
         when the disk does not hold what the run would write; NotWritten where nothing may be written.
         """
-        for folder in (self.archive.root, *(p.context.sequence.root for p in plans)):
-            require_writable(folder)
+        self._require_writable(plans)
         too_much = forecast.refusals(plans, self.archive, self.history)
         if too_much:
             raise ConfigError("\n".join(too_much))

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import errno
 import io
+import re
 import shutil
 import tempfile
 from pathlib import Path
@@ -246,8 +247,21 @@ def test_a_place_that_cannot_be_written_is_told_and_not_what_its_disk_lacks(
 
     monkeypatch.setattr(forecast.shutil, "disk_usage", lambda _: usage._replace(free=1000))
     monkeypatch.setattr(tempfile, "TemporaryFile", refused)
-    with pytest.raises(NotWritten, match=f"^cannot write {sequence}: there is no permission to write in {sequence};"):
+    (told,) = first.session.refusals([first.plan()])
+    assert told.startswith(f"cannot write {sequence}: there is no permission to write in {sequence};"), "a plan's word"
+    with pytest.raises(NotWritten, match=re.escape(told)):
         first.session.run_and_report([first.plan()], Selection())
+
+
+def test_where_nothing_is_to_do_nothing_needs_to_be_written(
+    finished: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(dir: Path) -> io.BytesIO:
+        raise PermissionError(errno.EACCES, "Permission denied", str(dir / "tmp"))
+
+    monkeypatch.setattr(tempfile, "TemporaryFile", refused)
+    assert finished.session.refusals([finished.plan()]) == []
+    assert finished.session.refusals([finished.with_settings("depth.pairs=1").plan()])
 
 
 def test_receipts_carry_projected_beside_measured_memory(finished: Pipeline) -> None:
