@@ -21,8 +21,8 @@ LEAST_GAIN = 0.0
 """dB by which gains must better the pictures of left-out views, where more than the bound is proven."""
 LIKELY, CLEAR_GAIN = 0.5, 0.03
 """Share of the bound that suffices where gains better these pictures by so many dB. Cameras that are alike, people like
-captures, 512 px: of ten scenes on which features or surface differ by more than the bound gains draw nothing better,
--0.02 to -0.78 dB. Cameras that differ by a third of a stop: with 0.20 stops proven they draw +0.05 and +0.11 dB, and
+captures, 512 px: on none of eleven scenes whose surface seems to differ by more than the bound do gains draw better,
+-0.01 to -0.78 dB. Cameras that differ by a third of a stop: with 0.20 stops proven they draw +0.05 and +0.11 dB, and
 finished pictures gain 0.48 and 0.23; with none proven +0.04, and finished ones lose 0.28."""
 SCATTERED = 2.0
 """Interquartile range, captured px, above which a view's edges tell nothing:
