@@ -181,14 +181,16 @@ def retouched(
     outlines: Outlines | None,
     bounds: Silhouettes | None,
     depth: np.ndarray | None = None,
+    sharp: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[np.ndarray, np.ndarray]:
     """Color [h, w, 3], premultiplied, and alpha [h, w] of a rendered picture with holes filled, then its outline evened
-    like the `outlines` given, then clipped, as told; float32.
+    like the `outlines` given, then clipped, then its outline sharpened, as told; float32.
 
     `lit`: how much brighter what is made more opaque becomes, see `filled`; None: nothing is filled. The cover is asked
     for where it decides about something: within, as far as that is not opaque, and of what is drawn at last whether it
     covers as much. `bounds`: beyond these, the silhouettes or wider ones, nothing is left; None: nothing is clipped.
-    `depth` [h, w] metres, 0 = unknown, of the surface that is drawn says where cover is likely.
+    `depth` [h, w] metres, 0 = unknown, of the surface that is drawn says where cover is likely. `sharp`: trust in the
+    outline and the light of what it gains, see `Outlines.sharpened`.
     """
     longer = max(alpha.shape)
     radius = max(REACH, round(HOLE * longer))
@@ -209,6 +211,8 @@ def retouched(
         known &= bounds is silhouettes
         near = cv2.dilate(drawn.astype(np.uint8), np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)) > 0
         c, a = clipped(c, a, np.where(known, covered, cover(bounds, camera, near & (a > 0) & ~known, a, corner, depth)))
+    if outlines is not None:
+        c, a = outlines.sharpened(c, a, *sharp)
     for out, found in zip(whole, (c, a), strict=True):
         out[part] = found
     return whole

@@ -37,6 +37,7 @@ from posegaussian.stages.rendering.sources import (
     choose,
     faded_in,
     outlines_refined,
+    outlines_trusted,
     refined_shares,
     unrefined_arrays,
 )
@@ -119,6 +120,8 @@ class FrameRenderer:
         self.usable = np.isin(np.arange(len(inputs.rig)), inputs.views.sources) & inputs.valid[i]
         self.retouches = bool(self.facts & {SILHOUETTE_CLIPPING, HOLE_FILLING, SURFACE_CLOSING, OUTLINE_EVENING})
         self.silhouettes = agreed(inputs.rig, reader.masks(i)) if self.retouches else None
+        self.widths = self._widths() if self.retouches and self.share > 0 else {}
+        """Px over which masks rise, by view; nothing while pictures are not refined."""
         self.sureness = reader.sureness(i) if POSE_BLENDING in self.facts else None
         self.body = self._body(self.silhouettes) if SURFACE_CLOSING in self.facts else None
         self.bounds = self._bounds()
@@ -133,16 +136,16 @@ class FrameRenderer:
         if not self.usable.any():
             return None
         color, alpha, depth, masked = self._drawn(camera, False)
-        alone = 0.0
+        alone = trust = 0.0
         if self.share > 0:
             *refined, _, more = self._drawn(camera, True)
             angles = angles_at(self.reader.subject, self.rig.centres, camera.centre)[self.usable]
-            alone = outlines_refined(angles, self.share)
+            alone, trust = outlines_refined(angles, self.share), outlines_trusted(angles, self.share)
             color, alpha = mixed((color, alpha), (refined[0], refined[1]), self.share, faded_in(angles), alone)
             masked += more
         if depth is not None:
             color = self._detailed(color, alpha, depth, camera)
-        return *self._retouched(color, alpha, depth, camera, alone), masked
+        return *self._retouched(color, alpha, depth, camera, alone, trust), masked
 
     def _drawn(self, camera: Camera, refined: bool) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None, int]:
         """The picture of the Gaussians before refinement, of the nearest views, or after it, of all views and the same
@@ -191,7 +194,13 @@ class FrameRenderer:
         return torch.from_numpy(detailed(drawn, covered, surface, camera, sources))
 
     def _retouched(
-        self, color: torch.Tensor, alpha: torch.Tensor, depth: torch.Tensor | None, camera: Camera, alone: float
+        self,
+        color: torch.Tensor,
+        alpha: torch.Tensor,
+        depth: torch.Tensor | None,
+        camera: Camera,
+        alone: float,
+        trust: float,
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """Colour and alpha of a picture with gaps closed, holes filled, the outline evened and the rest clipped, as far
         as these are on.
@@ -207,14 +216,19 @@ class FrameRenderer:
             touched = closed(*touched, self.body, camera)
         lit = 1 - alone if HOLE_FILLING in self.facts else None
         outlines = (
-            outlines_for(camera, self.rig, self.silhouettes, self.reader.masks(self.i))
+            outlines_for(camera, self.rig, self.silhouettes, self.reader.masks(self.i), self.widths)
             if OUTLINE_EVENING in self.facts
             else None
         )
         if lit is not None or self.bounds is not None or outlines:
             near = None if depth is None else depth.cpu().numpy()
-            touched = retouched(*touched, self.silhouettes, camera, lit, outlines, self.bounds, near)
+            sharp = trust, alone
+            touched = retouched(*touched, self.silhouettes, camera, lit, outlines, self.bounds, near, sharp)
         return torch.from_numpy(touched[0]), torch.from_numpy(touched[1])
+
+    def _widths(self) -> dict[int, float]:
+        sizes = self.rig.size
+        return {v: softness([m[: sizes[v, 1], : sizes[v, 0]]]) for v, m in self.reader.masks(self.i).items()}
 
     def _bounds(self) -> Silhouettes | None:
         """The silhouettes, as much wider as their masks are unsure of outlines."""
@@ -224,8 +238,8 @@ class FrameRenderer:
             return self.silhouettes.wider(UNSURE * float(self.rig.size[self.usable].max(initial=0)))
         if self.share == 0:
             return self.silhouettes
-        sizes = self.rig.size
-        spared = beside(softness(m[: sizes[v, 1], : sizes[v, 0]] for v, m in self.reader.masks(self.i).items()))
+        widths = [width for width in self.widths.values() if width > 0]
+        spared = beside(float(np.median(widths))) if widths else 0.0
         return self.silhouettes.wider(spared) if spared > 0 else self.silhouettes
 
     def _body(self, silhouettes: Silhouettes | None) -> Body | None:

@@ -40,8 +40,9 @@ are mixed as all else. Refined Gaussians know outlines from all sides, but only 
 what lies between: thirteen tuning people filmed from 15 to 30 degrees apart (384 px) gain 0.19 dB on the mean, none of
 them less than 0.01, two from 36 apart 0.03, and nine from 35 to 60 apart lose as often as they gain (-0.31 to 0.29)."""
 TRUSTED = (0.55, 0.65)
-"""The refined picture's share up to which outlines are mixed, and from which on they are the refined picture's. `bust`,
-whose cameras stand 31 to 42 degrees apart and whose masks do not fit each other, has 0.53, and would lose 0.6 dB."""
+"""The refined picture's share up to which outlines are mixed and as soft as drawn, and from which on they are the
+refined picture's and as sharp as the masks'. `bust`, whose cameras stand 31 to 42 degrees apart and whose masks do not
+fit each other, has 0.53, and would lose 0.6 dB by the first and 0.1 by the second."""
 
 
 def unrefined_arrays(facts: Facts) -> tuple[str, ...]:
@@ -106,9 +107,14 @@ def faded_in(angles: np.ndarray) -> float:
     return min(1.0, float(nearest[0]) / between / NEAR) if len(nearest) == 2 and between > 0 else 1.0
 
 
+def outlines_trusted(angles: np.ndarray, share: float) -> float:
+    """How far outlines of a picture with a refined `share` of 0..1 are where they belong, as left-out views say, 0..1;
+    `angles` [V] rad of the target from the usable views, at the subject. 0 at a source camera, and continuous as the
+    target moves."""
+    return float(np.interp(share, TRUSTED, (0, 1))) * faded_in(angles)
+
+
 def outlines_refined(angles: np.ndarray, share: float) -> float:
-    """How far outlines are the refined picture's alone, 0..1, where its `share` is 0..1; `angles` [V] rad of the target
-    from the usable views, at the subject. 0 at a source camera, and continuous as the target moves."""
+    """How far outlines are the refined picture's alone, 0..1; see `outlines_trusted`."""
     apart = float(np.degrees(np.sort(angles)[:2].sum()))
-    near, sure = np.interp(apart, CLOSE, (1, 0)), np.interp(share, TRUSTED, (0, 1))
-    return float(near * sure) * faded_in(angles) if len(angles) > 1 else 0.0
+    return float(np.interp(apart, CLOSE, (1, 0))) * outlines_trusted(angles, share) if len(angles) > 1 else 0.0

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from posegaussian.stages.rendering.evening import Outlines, outlines_for
+from posegaussian.stages.rendering.evening import EXACT, Outlines, outlines_for
 from posegaussian.stages.silhouettes.places import agreed
+from posegaussian.stages.silhouettes.softness import softness
 from posegaussian.stages.splatting.definition.scene import Camera
 from posegaussian.storage.model.cameras import Rig
 from tests.support.known_geometry import ring, sphere_mask
@@ -32,7 +33,8 @@ def as_mask(alpha: np.ndarray) -> np.ndarray:
 
 
 def of(*alphas: np.ndarray) -> Outlines:
-    found = Outlines.of([as_mask(a) for a in alphas])
+    masks = [as_mask(a) for a in alphas]
+    found = Outlines.of(masks, softness(masks))
     assert found is not None
     return found
 
@@ -69,12 +71,41 @@ def test_what_is_as_rough_as_the_masks_stays(shape: np.ndarray) -> None:
 def test_the_rougher_the_masks_the_less_is_evened() -> None:
     rough = frayed(disc())
     moved = [
-        np.abs(Outlines(of(disc()).transfer, shape).evened(colored(rough), rough)[1] - rough).sum()
+        np.abs(Outlines(of(disc()).transfer, shape, 1.0).evened(colored(rough), rough)[1] - rough).sum()
         for shape in (0.0, 0.01, 0.02, 1.0)
     ]
     assert moved == sorted(moved, reverse=True)
     assert moved[0] > moved[1] > 0
     assert moved[-1] == 0
+
+
+@pytest.mark.parametrize("lit", [0.0, 0.4, 1.0])
+def test_a_soft_outline_becomes_as_sharp_as_the_masks_at_most_the_more_it_is_trusted(lit: float) -> None:
+    soft, masks = disc(2.5), of(disc())
+    widths, areas = [], []
+    for trust in (0.0, 0.3, 0.6, 1.0):
+        shown, alpha = masks.sharpened(colored(soft), soft, trust, lit)
+        assert 0 <= alpha.min() <= alpha.max() <= 1
+        assert (alpha[soft == 0] == 0).all()
+        assert (np.sign(alpha - soft) * np.sign(soft - 0.5) >= 0).all(), "away from a half"
+        brighter = np.clip(alpha - soft, 0, None)[..., None] * COLOR
+        np.testing.assert_allclose(shown, np.minimum(colored(alpha), colored(soft)) + lit * brighter, atol=1e-5)
+        widths.append(softness([as_mask(alpha)]))
+        areas.append(float(alpha.sum()))
+    assert widths == sorted(widths, reverse=True)
+    assert widths[0] > widths[1] > widths[-1]
+    np.testing.assert_allclose(areas, areas[0], rtol=2e-3, err_msg="an outline stays where it is")
+
+
+@pytest.mark.parametrize("width", [1.0, 2.5, 4.0])
+def test_what_is_as_sharp_as_the_masks_becomes_no_sharper(width: float) -> None:
+    shape = disc(width)
+    for masks in (disc(width), disc(1.5 * width)):
+        shown, alpha = of(masks).sharpened(colored(shape), shape, 1.0, 1.0)
+        np.testing.assert_array_equal(alpha, shape)
+        np.testing.assert_array_equal(shown, colored(shape))
+    drawn = of(disc(width / 1.1)).sharpened(colored(shape), shape, 1.0, 1.0)[1]
+    assert softness([as_mask(drawn)]) >= 0.97 * softness([as_mask(disc(width / 1.1))])
 
 
 def test_the_transfer_rises_from_none_to_all_and_is_softer_for_softer_masks() -> None:
@@ -106,7 +137,7 @@ def sphere_seen_from(rig: Rig, away: float) -> Camera:
 def test_a_frayed_sphere_is_given_back_by_its_source_camera_with_the_masks_outline() -> None:
     rig = ring(6, (SIZE, SIZE), 180.0)
     masks = {v: sphere_mask(rig, v, CENTRE, RADIUS) for v in range(6)}
-    outlines = outlines_for(sphere_seen_from(rig, 1.0), rig, agreed(rig, masks), masks)
+    outlines = outlines_for(sphere_seen_from(rig, 1.0), rig, agreed(rig, masks), masks, {})
     assert outlines is not None
     truth = (masks[0] / 255).astype(np.float32)
     rough = frayed(truth)
@@ -118,9 +149,19 @@ def test_masks_are_looked_at_in_the_size_of_the_picture() -> None:
     rig = ring(6, (SIZE, SIZE), 180.0)
     masks = {v: np.maximum(sphere_mask(rig, v, CENTRE, RADIUS), as_mask(strands())) for v in range(6)}
     silhouettes = agreed(rig, {v: sphere_mask(rig, v, CENTRE, RADIUS) for v in range(6)})
-    near, far = (outlines_for(sphere_seen_from(rig, a), rig, silhouettes, masks) for a in (0.5, 1.0))
+    near, far = (outlines_for(sphere_seen_from(rig, a), rig, silhouettes, masks, {}) for a in (0.5, 1.0))
     assert near is not None
     assert far is not None
     assert near.shape < far.shape, "hairs of 2 px are easier to follow than of 1 px"
     none = agreed(rig, {v: np.full((SIZE, SIZE), 255, np.uint8) for v in range(6)})
-    assert outlines_for(sphere_seen_from(rig, 1.0), rig, none, masks) is None
+    assert outlines_for(sphere_seen_from(rig, 1.0), rig, none, masks, {}) is None
+
+
+def test_sharpness_is_that_of_the_masks_as_they_are_in_the_size_of_the_picture() -> None:
+    rig = ring(6, (SIZE, SIZE), 180.0)
+    masks = {v: sphere_mask(rig, v, CENTRE, RADIUS) for v in range(6)}
+    widths = dict.fromkeys(range(6), 2.0)
+    for away, wanted in ((1.0, 2.0), (2.0, 1.0), (0.5, 4.0), (8.0, EXACT)):
+        found = outlines_for(sphere_seen_from(rig, away), rig, agreed(rig, masks), masks, widths)
+        assert found is not None
+        assert found.softness == pytest.approx(wanted, rel=1e-6)
