@@ -4,7 +4,7 @@ machine and capture."""
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -59,32 +59,72 @@ def affordable(
     selection: Selection,
     points: Sequence[Point] = POINTS,
 ) -> Choice:
-    """The dearest of the points that fits, found from the cheapest up by running each on a few frames of the largest
-    sequence. What that takes counts where the time of the whole run is given.
+    """The dearest of the points that fits, found by running some on a few frames of the largest sequence: the cheapest,
+    then those around the budget. What that takes counts where the time of the whole run is given.
 
     Raises ConfigError where not even the cheapest one fits, RunFailed where a probe fails.
     """
     begun = time.monotonic()
-    fitting: list[Expected] = []
-    better = None
+
+    def measuring() -> float:
+        return 0.0 if amount.a_frame else time.monotonic() - begun
+
     with Trials(session, names, paths, selection, points) as trials:
         frames = trials.frames
-        for expected in trials:
-            if expected.seconds > amount.over(frames) - (0 if amount.a_frame else time.monotonic() - begun):
-                better = expected
-                break
-            fitting.append(expected)
-    if not fitting and better is None:
+        name = trials.probe.context.sequence.name
+        session.say(
+            [f"measuring what settings take on a few frames of {name}: the cheapest, then those near the budget"]
+        )
+        tried: dict[int, Expected | None] = {}
+        place: int | None = 0
+        while place is not None:
+            tried[place] = trials[place]
+            left = amount.over(frames) - measuring()
+            place = _next(trials, tried, left)
+        known = {n: e for n, e in tried.items() if e is not None}
+        fitting = {n: e for n, e in known.items() if e.seconds <= left}
+    if not known:
         raise ConfigError(f"--budget {amount}: none of the settings can be run on this capture, see above")
     if not fitting:
-        assert better is not None
-        measuring = 0 if amount.a_frame else time.monotonic() - begun
+        cheapest = known[min(known)]
         raise ConfigError(
-            f"--budget {amount}: the cheapest settings already take {better.told(frames)}; give at least"
-            f" {amount.enough(better.seconds + measuring, frames)}, fewer frames by frames.range, or fewer views by"
+            f"--budget {amount}: the cheapest settings already take {cheapest.told(frames)}; give at least"
+            f" {amount.enough(cheapest.seconds + measuring(), frames)}, fewer frames by frames.range, or fewer views by"
             " views.sources"
         )
-    return Choice(f"budget {amount}", fitting[-1], fitting[-2] if len(fitting) > 1 else None, better, frames)
+    chosen = max(fitting)
+    cheaper, better = (
+        max((n for n in known if n < chosen), default=None),
+        min((n for n in known if n > chosen), default=None),
+    )
+    return Choice(
+        f"budget {amount}",
+        known[chosen],
+        None if cheaper is None else known[cheaper],
+        None if better is None else known[better],
+        frames,
+    )
+
+
+def _next(trials: Trials, tried: Mapping[int, Expected | None], left: float) -> int | None:
+    """The point to try next, so that in the end the dearest that fits into `left` seconds is known, and its neighbours;
+    None when they are.
+
+    Between the dearest that fits and the cheapest that does not, the dearest that should fit, as the points' own
+    seconds stand to those of what was tried last.
+    """
+    known = {n: e for n, e in tried.items() if e is not None}
+    fits = max((n for n, e in known.items() if e.seconds <= left), default=-1)
+    too_dear = min((n for n, e in known.items() if e.seconds > left), default=len(trials))
+    between = [n for n in range(fits + 1, too_dear) if n not in tried]
+    if between:
+        if not known:
+            return between[0]
+        last = list(known.values())[-1]
+        room = (left - last.once) / max(last.seconds - last.once, 1e-9) * last.point.seconds
+        return max((n for n in between if trials.points[n][0].seconds <= room), default=between[0])
+    below = range(max((n for n in known if n < fits), default=-1) + 1, fits)
+    return max((n for n in below if n not in tried), default=None)
 
 
 def good_enough(
@@ -108,7 +148,9 @@ def good_enough(
     chosen = better = None
     with Trials(session, names, paths, selection, near, compared=not known) as trials:
         frames = trials.frames
-        for expected in trials:
+        name = trials.probe.context.sequence.name
+        session.say([f"measuring what settings take on a few frames of {name}, cheapest first"])
+        for expected in (e for n in range(len(trials)) if (e := trials[n]) is not None):
             if chosen is not None:
                 better = expected
                 break

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from pydantic import ValidationError
@@ -38,6 +38,8 @@ class Expected:
     """{stage.key: value} that the point sets: what the user set is left as it is."""
     seconds: float
     """By the clock."""
+    once: float = 0.0
+    """Of these, what does not grow with the frames."""
     reached: float | None = None
     """Mean box PSNR of held-out cameras, dB, where it was measured: on this capture, or by who made the point."""
     compared: str | None = None
@@ -59,8 +61,8 @@ class Expected:
 
 
 class Trials:
-    """Points as they are expected to do on some sequences, cheapest first, each tried when it is asked for; what is
-    made for it is deleted at the end."""
+    """Points as they are expected to do on some sequences, numbered from the cheapest on, each tried when it is asked
+    for, once; what is made for it is deleted at the end."""
 
     def __init__(
         self,
@@ -89,6 +91,7 @@ class Trials:
         self.points = list(distinct(self.contexts, given(session.configuration), points))
         for point, values in self.points:
             _check(point, values, largest)
+        self._tried: dict[int, Expected | None] = {}
 
     def __enter__(self) -> Trials:
         return self
@@ -96,20 +99,26 @@ class Trials:
     def __exit__(self, *_: object) -> None:
         self.probe.clean()
 
-    def __iter__(self) -> Iterator[Expected]:
-        """Raises RunFailed where a probe fails. Settings that cannot be run are left out, with the reason."""
-        name = self.probe.context.sequence.name
-        self.session.say([f"measuring what settings take on a few frames of {name}, cheapest first"])
-        for point, values in self.points:
-            try:
-                took = seconds(self.contexts, values, self.probe.rates(values), self.selection)
-                reached = self.probe.reached(values) if self.compared else point.reached
-            except ConfigError as e:
-                self.session.say([f"{point.name} is left out: {e}"])
-                continue
-            expected = Expected(point, values, took, reached, self.probe.told if self.compared else None)
-            self.session.hint([expected.told(self.frames)])
-            yield expected
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def __getitem__(self, n: int) -> Expected | None:
+        """What is expected of point n; None of one that cannot be run here, of which the reason is said. Raises
+        IndexError, and RunFailed where a probe fails."""
+        if n not in self._tried:
+            self._tried[n] = self._measured(*self.points[n])
+        return self._tried[n]
+
+    def _measured(self, point: Point, values: Mapping[str, Any]) -> Expected | None:
+        try:
+            took, once = seconds(self.contexts, values, self.probe.rates(values), self.selection)
+            reached = self.probe.reached(values) if self.compared else point.reached
+        except ConfigError as e:
+            self.session.say([f"{point.name} is left out: {e}"])
+            return None
+        expected = Expected(point, values, took, once, reached, self.probe.told if self.compared else None)
+        self.session.hint([expected.told(self.frames)])
+        return expected
 
 
 def _check(point: Point, values: Mapping[str, Any], context: Context) -> None:
@@ -158,9 +167,9 @@ def seconds(
     values: Mapping[str, Any],
     rates: Mapping[str, float],
     selection: Selection = EVERYTHING,
-) -> float:
-    """By the clock, of a run of all that is not fresh: `rates` are seconds per unit of work by stage, one task at a
-    time."""
+) -> tuple[float, float]:
+    """By the clock, of a run of all that is not fresh, and of these what is done once however many frames there are:
+    `rates` are seconds per unit of work by stage, one task at a time."""
     found = []
     for context in contexts:
         own = make_context(
@@ -175,7 +184,8 @@ def seconds(
                 continue
             tasks.add(task, rates[task.stage] * loads(task).work)
         found.append(tasks)
-    return START + clock(found, local_pools(contexts[0].settings.run)[CPU].workers)
+    workers = local_pools(contexts[0].settings.run)[CPU].workers
+    return START + clock(found, workers), START + clock([replace(t, partitions={}) for t in found], workers)
 
 
 def _work(context: Context) -> int:

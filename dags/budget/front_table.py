@@ -38,6 +38,7 @@ def front_points(file: Path) -> tuple[Point, ...]:
             f"line {i} of {file.name}",
             ", ".join(f"{knob} {row[knob]}" for knob in knobs),
             row[QUALITY] - best,
+            float(row[f"total{SECONDS}"]),
             {knob: None if row[knob] == "full" else parse_value(str(row[knob])) for knob in knobs},
             measured=f"{row[QUALITY]:.2f} dB on held-out cameras of {sequence.decode()}",
             reached=row[QUALITY],

@@ -18,6 +18,8 @@ class Point:
     against: float
     """Box PSNR against the default's, dB: mean over simulated people that nothing was tuned on, of
     `python -m benchmarks.quality.front`. Of a front that was measured on a sequence: against the best on it."""
+    seconds: float
+    """CPU seconds a frame there: how much longer one point takes than another, wherever it runs."""
     settings: Mapping[str, Any] = field(default_factory=dict)
     """{stage.key: value}; what is not named stays as it is set."""
     size: float = 1.0
@@ -51,23 +53,25 @@ def _learned(depth: str, steps: int) -> dict[str, Any]:
 
 
 POINTS = (
-    Point("preview", "half size, depth from silhouettes alone", -7.0, _floor("hull", 0), 0.5),
-    Point("half, matched", "half size, matched depth, 20 steps of refinement", -3.1, _floor("sweep", 20), 0.5),
-    Point("3/4, matched", "three quarters of the size, matched depth, 20 steps", -2.0, _floor("sweep", 20), 0.75),
-    Point("3/4, learned", "three quarters, matched depth, network, 20 steps", -1.3, _learned("sweep", 20), 0.75),
-    Point("3/4, finer", "three quarters, matched depth, network, 50 steps", -0.9, _learned("sweep", 50), 0.75),
-    Point("learned", "matched depth, network, 20 steps of refinement", -0.6, _learned("sweep", 20)),
-    Point("learned, finer", "matched depth, network, 50 steps of refinement", -0.1, _learned("sweep", 50)),
+    Point("preview", "half size, depth from silhouettes alone", -7.0, 0.9, _floor("hull", 0), 0.5),
+    Point("half, matched", "half size, matched depth, 20 steps of refinement", -3.1, 2.2, _floor("sweep", 20), 0.5),
+    Point("3/4, matched", "three quarters of the size, matched depth, 20 steps", -2.0, 4.35, _floor("sweep", 20), 0.75),
+    Point("3/4, learned", "three quarters, matched depth, network, 20 steps", -1.3, 5.77, _learned("sweep", 20), 0.75),
+    Point("3/4, finer", "three quarters, matched depth, network, 50 steps", -0.9, 7.31, _learned("sweep", 50), 0.75),
+    Point("learned", "matched depth, network, 20 steps of refinement", -0.6, 10.0, _learned("sweep", 20)),
+    Point("learned, finer", "matched depth, network, 50 steps of refinement", -0.1, 12.7, _learned("sweep", 50)),
     Point(
         "balanced",
         "depth, network and steps of refinement by the judge",
         0.0,
+        15.2,
         {**_learned("auto", 200), "refinement.worth": 0.05},
     ),
     Point(
         "dear",
         "depth and network by the judge, 200 steps of refinement",
         0.0,
+        21.7,
         {**_learned("auto", 200), "refinement.worth": 0.0},
     ),
 )

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given as drawn
@@ -104,10 +106,9 @@ def test_more_time_never_buys_less(filmed: Pipeline, took: list[float], budgets:
     bought, frames = [-100.0], len(filmed.context().source_frames)
     for seconds in budgets:
         fits = [n for n, t in enumerate(took) if t * frames <= seconds * frames]
-        costs = iter(took)
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(Probe, "rates", lambda probe, values: {})
-            patch.setattr(expected, "seconds", lambda *_, costs=costs: next(costs) * frames)
+            patch.setattr(expected, "seconds", lambda _, values, *rest: (took[number_of(values)] * frames, 0.0))
             if not fits:
                 with pytest.raises(ConfigError, match="the cheapest settings already take"):
                     affordable(session_of(filmed), [NAME], (), Amount(seconds, True, ""), Selection())
@@ -120,6 +121,32 @@ def test_more_time_never_buys_less(filmed: Pipeline, took: list[float], budgets:
     assert bought == sorted(bought)
 
 
+def number_of(values: dict[str, Any]) -> int:
+    """Place among all points of the one that sets these values of `filmed`."""
+    return next(n for n, p in enumerate(POINTS) if p.values(48) == values)
+
+
+@settings(derandomize=True, deadline=None, max_examples=20)
+@drawn(st.floats(0.5, 40), st.floats(0, 30), st.floats(0.2, 5))
+def test_few_settings_are_tried_where_they_take_what_they_took_elsewhere(
+    filmed: Pipeline, budget: float, once: float, slower: float
+) -> None:
+    tried: list[int] = []
+
+    def seconds(contexts: object, values: dict[str, Any], *_: object) -> tuple[float, float]:
+        tried.append(number_of(values))
+        return once + slower * POINTS[tried[-1]].seconds * frames, once
+
+    frames = len(filmed.context().source_frames)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Probe, "rates", lambda probe, values: {})
+        patch.setattr(expected, "seconds", seconds)
+        with contextlib.suppress(ConfigError):
+            affordable(session_of(filmed), [NAME], (), Amount(budget, True, ""), Selection())
+    assert len(tried) == len(set(tried)) <= 4, "the cheapest, what is chosen and its neighbours"
+    assert tried[0] == 0
+
+
 def test_what_is_expected_grows_with_the_work_and_ends_when_all_is_done(filmed: Pipeline, tmp_path: Path) -> None:
     copy = filmed.copy(tmp_path / "archive")
     values = preset("preview").values(48)
@@ -128,7 +155,7 @@ def test_what_is_expected_grows_with_the_work_and_ends_when_all_is_done(filmed: 
         session = session_of(copy, f"frames.range=0:{frames}")
         return expected.seconds(
             session_contexts(session), values, dict.fromkeys(("frames", "depth", "gaussians"), rate)
-        )
+        )[0]
 
     more = [took(frames, 1e-4) - START for frames in (2, 4, 6)]
     assert more[0] > 0

@@ -77,10 +77,13 @@ def test_points_are_the_front_as_settings_cheapest_first(table: Path) -> None:
 def test_a_budget_buys_from_the_front_and_what_the_user_set_stays(
     finished: Pipeline, table: Path, monkeypatch: pytest.MonkeyPatch, seconds: float, words: tuple[str, ...]
 ) -> None:
-    session, took = session_of(finished, "refinement.steps=7"), iter((1.0, 4.0, 9.0))
+    session = session_of(finished, "refinement.steps=7")
+    took = {(24, "none"): 1.0, (None, "none"): 4.0, (None, "auto"): 9.0}
     frames = len(finished.context().source_frames)
     monkeypatch.setattr(Probe, "rates", lambda probe, values: {})
-    monkeypatch.setattr(expected, "seconds", lambda *_: next(took) * frames)
+    monkeypatch.setattr(
+        expected, "seconds", lambda _, v, *rest: (took[v["frames.size"], v["network.weights"]] * frames, 0.0)
+    )
     settled = bought(session, [NAME], (), Selection(), f"{seconds}s/frame", front=table)
     assert settled.words == words
     assert settled.choice is not None
@@ -116,6 +119,6 @@ def test_nothing_that_fits_names_what_the_cheapest_takes(
     finished: Pipeline, table: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Probe, "rates", lambda probe, values: {})
-    monkeypatch.setattr(expected, "seconds", lambda *_: 1e3)
+    monkeypatch.setattr(expected, "seconds", lambda *_: (1e3, 0.0))
     with pytest.raises(ConfigError, match=r"the cheapest settings already take line 3 of tradeoff.* 22\.00 dB on held"):
         affordable(session_of(finished), [NAME], (), Amount.of("1s/frame"), Selection(), front_points(table))

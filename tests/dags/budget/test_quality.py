@@ -61,7 +61,7 @@ def test_better_pictures_never_cost_less_and_nothing_cheaper_is_as_good(
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(Probe, "rates", lambda probe, values: {})
             patch.setattr(Probe, "reached", lambda probe, values, drawn_so=drawn_so: next(drawn_so))
-            patch.setattr(expected, "seconds", lambda *_: 1.0)
+            patch.setattr(expected, "seconds", lambda *_: (1.0, 0.0))
             if not good:
                 most = Decibels.below(max(reach))
                 with pytest.raises(ConfigError, match=f"ask for at most {most},"):
@@ -111,7 +111,7 @@ def test_what_a_front_measured_is_not_measured_again(
 ) -> None:
     monkeypatch.setattr(Probe, "rates", lambda probe, values: {})
     monkeypatch.setattr(Probe, "reached", lambda probe, values: pytest.fail("measured"))
-    monkeypatch.setattr(expected, "seconds", lambda *_: 1.0)
+    monkeypatch.setattr(expected, "seconds", lambda *_: (1.0, 0.0))
     settled = bought(session_of(finished), [NAME], (), Selection(), quality="27dB", front=table)
     assert settled.words == ("frames.size=null", "network.weights=none", "refinement.steps=20")
     assert settled.choice is not None
