@@ -29,7 +29,7 @@ import numpy as np
 from benchmarks.pipeline.night import CLI
 from benchmarks.processes import Taken, watched
 from benchmarks.quality.cells import Cell
-from benchmarks.quality.front import CANDIDATES
+from benchmarks.quality.front import CANDIDATES, HALF, SMALLER
 from benchmarks.report import show
 from posegaussian.dags.budget.amount import Amount
 from posegaussian.dags.budget.choice import Choice, affordable
@@ -55,6 +55,8 @@ SCENES = (
 )
 """None of them is one of `benchmarks/quality/front.py`; frames are said by the command."""
 WORKERS = 2
+SHARES = {HALF: 0.5, SMALLER: 0.75}
+"""Of the longest side, what sizes of the front are, whose people are filmed at 512 px."""
 FILMED = frozenset({"survey", "judge", "detection", "tracks", "people", "pose", "frames"})
 """Stages up to the pictures that are compared with."""
 
@@ -129,11 +131,8 @@ def searched(filmed: Filmed) -> list[dict[str, Any]]:
     """A row a setting of the front's candidates, run once."""
     rows = []
     for name, words in CANDIDATES.items():
-        size = [w for w in words if w.startswith("frames.size=")]
-        share = {"256": 0.5, "384": 0.75}
-        longest = max(filmed.reference.rig.size.max(), 1)
-        scaled = [f"frames.size={round(share[w.partition('=')[2]] * longest)}" for w in size]
-        taken, psnr = filmed.run((*scaled, *(w for w in words if w not in size)))
+        longest = int(filmed.reference.rig.size.max())
+        taken, psnr = filmed.run([f"frames.size={round(SHARES[w] * longest)}" if w in SHARES else w for w in words])
         rows.append(
             {"settings": name, "took s": taken.seconds / filmed.frames, "dB": psnr, "others cores": taken.others}
         )

@@ -131,9 +131,10 @@ def outlines_for(
         np.asarray(camera.intrinsics)[[0, 1], [0, 1]].mean()
     )
     factors = {v: own / pixel for v, own in zip(silhouettes.views, silhouettes.pixels.tolist(), strict=True)}
+    risen = [factor * widths[v] for v, factor in factors.items() if widths.get(v, 0) > 0]
     return Outlines.of(
         (_resized(masks[v][: rig.size[v, 1], : rig.size[v, 0]], factor) for v, factor in factors.items()),
-        float(np.median([factor * widths.get(v, 0.0) for v, factor in factors.items()])) if factors else 0.0,
+        float(np.median(risen)) if risen else 0.0,
     )
 
 

@@ -120,8 +120,8 @@ class FrameRenderer:
         self.usable = np.isin(np.arange(len(inputs.rig)), inputs.views.sources) & inputs.valid[i]
         self.retouches = bool(self.facts & {SILHOUETTE_CLIPPING, HOLE_FILLING, SURFACE_CLOSING, OUTLINE_EVENING})
         self.silhouettes = agreed(inputs.rig, reader.masks(i)) if self.retouches else None
-        self.widths = self._widths() if self.retouches and self.share > 0 else {}
-        """Px over which masks rise, by view; nothing while pictures are not refined."""
+        self.widths = self._widths() if self.facts & {SILHOUETTE_CLIPPING, OUTLINE_EVENING} and self.share > 0 else {}
+        """Px over which masks rise, by view, 0 without an outline; nothing while pictures are not refined."""
         self.sureness = reader.sureness(i) if POSE_BLENDING in self.facts else None
         self.body = self._body(self.silhouettes) if SURFACE_CLOSING in self.facts else None
         self.bounds = self._bounds()
