@@ -69,11 +69,12 @@ def work(context: Context, task: Task, frames: int) -> int:
     looks at a sample of frames."""
     stage, shape = stage_named(task.stage), context.shape(task.path)
     if task.path is not None:
-        frames, worked = frames * shape["camera"], shape["camera_y"] * shape["camera_x"]
+        each, worked = shape["camera"], shape["camera_y"] * shape["camera_x"]
     else:
-        views = 1 if task.view is not None else len(context.views_of(stage).sources)
-        frames, worked = (shape["sample"] if stage.sequence_wide else frames) * views, shape["y"] * shape["x"]
-    return round(frames * (stage.unit.worked * worked + stage.unit.captured * shape["source_y"] * shape["source_x"]))
+        each = 1 if task.view is not None else len(context.views_of(stage).sources)
+        frames, worked = shape["sample"] if stage.sequence_wide else frames, shape["y"] * shape["x"]
+    pixels = stage.unit.worked * worked + stage.unit.captured * shape["source_y"] * shape["source_x"]
+    return round((frames + stage.unit.besides) * each * pixels)
 
 
 def needs_of(context: Context, stage: Stage, path: str | None = None, frames: int | None = None) -> Resources:

@@ -134,11 +134,14 @@ class Unit:
     """Of a pixel of `frames/*`, or of the camera path of a stage that runs over paths."""
     captured: float = 0.0
     """Of a pixel of the picture as it was captured, which is decoded whatever size is worked on."""
+    besides: float = 0.0
+    """Frames' worth of it that a task of a partition does beside those of its own frames."""
 
     @property
     def name(self) -> str:
         """`1 worked + 0.1 captured`: seconds per unit of work are compared with those of the same name alone."""
-        return " + ".join(f"{n:g} {of}" for n, of in ((self.worked, "worked"), (self.captured, "captured")) if n)
+        parts = ((self.worked, "worked"), (self.captured, "captured"), (self.besides, "frames"))
+        return " + ".join(f"{n:g} {of}" for n, of in parts if n)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,15 +31,22 @@ class FrameReader:
 
     def __init__(self, inputs: Inputs, params: RefinementParams) -> None:
         self.inputs, self.every = inputs, pixels_a_gaussian(len(inputs.views.sources), params)
-        self.start = inputs.span("frames/mask").start
-        self.arrays = {
-            v: [inputs.read(name, v) for name in unrefined_arrays(inputs.facts)] for v in inputs.views.sources
-        }
-        self.masks = {v: inputs.read("frames/mask", v) for v in inputs.views.sources}
+        self.frames: dict[int, dict[int, list[Any]]] = {}
+        """{frame: {view: what is read of it}} of the partition, and of the frame before it that was asked for last."""
 
     def maps(self, i: int, view: int) -> GaussianMaps:
         """As they are before refinement."""
-        return GaussianMaps(*(a[i - self.start] for a in self.arrays[view]))
+        return GaussianMaps(*self._arrays(i, view)[:-1])
+
+    def _arrays(self, i: int, view: int) -> list[Any]:
+        """What Gaussians are lifted from, and the mask. The partition is read at once, as it is kept."""
+        if i not in self.frames:
+            own = self.inputs.partition
+            span = own if i in own else range(i, i + 1)
+            names = (*unrefined_arrays(self.inputs.facts), "frames/mask")
+            read = {v: [self.inputs.read(n, v, span) for n in names] for v in self.inputs.views.sources}
+            self.frames = {k: {v: [a[k - span.start] for a in arrays] for v, arrays in read.items()} for k in span}
+        return self.frames[i][view]
 
     def frame(self, i: int) -> FrameGaussians:
         """Thinned Gaussians of the source views that have some, and something to compare with. Whether a frame of
@@ -49,7 +56,7 @@ class FrameReader:
         for v in sources:
             maps = thinned(self.maps(i, v), self.every)
             gaussians = ViewGaussians.of(maps, rig.intrinsics[v], rig.world_to_camera[v])
-            if len(gaussians) and self.masks[v][i - self.start].any():
+            if len(gaussians) and self._arrays(i, v)[-1].any():
                 found[v] = gaussians
         plan = schedule(rig, sources, np.isin(np.arange(len(rig)), list(found)))
         return FrameGaussians(found, {v: self.filmed(i, v) for v in found} if plan else {}, plan)
@@ -58,6 +65,6 @@ class FrameReader:
         """The view's picture without the padding."""
         rig = self.inputs.rig
         width, height = (int(n) for n in rig.size[view])
-        cover = self.masks[view][i - self.start][:height, :width].astype(np.float32) / 255
+        cover = self._arrays(i, view)[-1][:height, :width].astype(np.float32) / 255
         color = np.asarray(self.maps(i, view).color)[:height, :width].astype(np.float32) / 255 * cover[..., None]
         return Filmed(Camera(rig.intrinsics[view], rig.world_to_camera[view], width, height), color, cover)

@@ -47,7 +47,7 @@ class RefinementParams(Params):
         le=36,
     )
     group: int = setting(
-        4,
+        16,
         "Frames of a group, counted from the sequence's first, all of which are trained for as many steps as a"
         " rehearsal on its first one finds best; 1: every frame rehearses.",
         unit="frames",

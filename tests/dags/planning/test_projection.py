@@ -24,6 +24,7 @@ from posegaussian.dags.planning.task_cost import RESERVED, load, needs_of, work
 from posegaussian.dags.planning.tasks import Task, tasks
 from posegaussian.dags.runtime import meters
 from posegaussian.dags.runtime.meters import Peak
+from posegaussian.stages.refinement.stage import REHEARSAL
 from posegaussian.stages.registry import STAGES
 from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.archive.ledger import rebuild
@@ -157,6 +158,14 @@ def test_work_on_captured_pictures_is_the_same_at_every_size_that_is_worked_on(a
         view = 0 if name in ("survey", "frames") else None
         task = Task(NAME, name, None if name == "survey" else 0, view)
         assert work(half, task, 2) == pytest.approx(share * work(whole, task, 2), rel=1e-3), name
+
+
+def test_a_rehearsal_is_work_that_a_longer_partition_has_no_more_of(archive: Pipeline) -> None:
+    context, task = archive.with_settings("refinement.steps=2").context(), Task(NAME, "refinement", 0)
+    two, eight = work(context, task, 2), work(context, task, 8)
+    assert eight / two == pytest.approx((8 + REHEARSAL) / (2 + REHEARSAL), rel=1e-4), "but for whole pixels"
+    depth = Task(NAME, "depth", 0)
+    assert work(context, depth, 8) == 4 * work(context, depth, 2)
 
 
 def test_seconds_of_work_that_was_counted_otherwise_are_not_compared(archive: Pipeline) -> None:

@@ -18,7 +18,7 @@ from posegaussian.stages.refinement.run import check
 from posegaussian.stages.registry import stage
 from posegaussian.stages.rendering.sources import REFINED, unrefined_arrays
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
-from tests.support.memory_inputs import run_stage
+from tests.support.memory_inputs import MemoryInputs, run_stage
 from tests.support.refined_lists import as_maps
 
 FRAMES = 4
@@ -167,6 +167,24 @@ def test_partitions_change_nothing(person: PersonCapture, spoilt: dict[str, np.n
     for length in (1, 2, 3):
         cut = refine(person, spoilt, 3, group, length)
         assert all(np.array_equal(whole[k], cut[k]) for k in whole), length
+
+
+def test_of_what_lies_before_a_partition_only_the_frame_that_rehearses_is_read(
+    person: PersonCapture, spoilt: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen, read = list[range](), MemoryInputs.read
+
+    def noted(inputs: MemoryInputs, name: str, view: int | None = None, frames: range | None = None) -> np.ndarray:
+        seen.append(inputs.span(name) if frames is None else frames)
+        return read(inputs, name, view, frames)
+
+    monkeypatch.setattr(MemoryInputs, "read", noted)
+    refine(person, spoilt, 1, group=FRAMES, length=1)
+    assert set(seen) == {range(n, n + 1) for n in range(FRAMES)}
+    assert seen.count(range(1)) == FRAMES * seen.count(range(FRAMES - 1, FRAMES)), "by each of the partitions"
+    seen.clear()
+    refine(person, spoilt, 1, group=FRAMES, length=2)
+    assert set(seen) == {range(2), range(2, 4), range(1)}
 
 
 def test_steps_end_where_more_are_not_worth_it(person: PersonCapture, spoilt: dict[str, np.ndarray]) -> None:
