@@ -7,13 +7,10 @@ from dataclasses import dataclass, field
 
 from posegaussian.dags.planning.tasks import Task
 
-SHARED = 0.9
-"""What one of several workers does in the time in which one alone does 1."""
-
 
 @dataclass
 class Tasks:
-    """Seconds of a sequence's tasks, each done alone."""
+    """Seconds of a sequence's tasks, measured while as many others run as will."""
 
     by_view: list[float] = field(default_factory=list)
     """Of the whole sequence, a task a view; they come first."""
@@ -38,8 +35,6 @@ def clock(sequences: Sequence[Tasks], workers: int) -> float:
     """Seconds until the last task is done. The worker that is free first takes the job that can begin first: views of a
     sequence, when all are done what is asked of the whole of it, then its partitions."""
     phases = [[list(s.by_view), [s.whole], [s.partitions[p] for p in sorted(s.partitions)]] for s in sequences]
-    jobs = [sum(len(of[n]) for of in phases) for n in range(3)]
-    slower = [1 / SHARED if min(workers, n) > 1 else 1.0 for n in jobs]
     free, begin, end = [0.0] * workers, [0.0] * len(phases), [0.0] * len(phases)
     phase = [0] * len(phases)
     while True:
@@ -51,6 +46,5 @@ def clock(sequences: Sequence[Tasks], workers: int) -> float:
             return max(free)
         worker = free.index(min(free))
         i = min(left, key=lambda i: max(begin[i], free[worker]))
-        took = slower[phase[i]] * phases[i][phase[i]].pop(0)
-        free[worker] = max(begin[i], free[worker]) + took
+        free[worker] = max(begin[i], free[worker]) + phases[i][phase[i]].pop(0)
         end[i] = max(end[i], free[worker])

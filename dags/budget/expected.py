@@ -17,7 +17,6 @@ from posegaussian.dags.humanize.text import seconds_text
 from posegaussian.dags.planning.context import Context, make_context
 from posegaussian.dags.planning.forecast import Loads
 from posegaussian.dags.planning.plan import READY, make_plan
-from posegaussian.dags.planning.resources import CPU, local_pools
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.session.session import Session
 from posegaussian.stages.depth.methods.registry import BY_PICTURES
@@ -87,13 +86,15 @@ class Trials:
                 f" --set 'views.held_out=[{self.contexts[0].capture.rig.names[-1]}]'{instead}"
             )
         largest = max(chosen, key=_work)
-        self.probe = Probe(largest, session.configuration.default.run.threads, compared)
+        self.probe = Probe(largest, session, sum(len(c.grid.partitions) for c in self.contexts), compared)
         self.points = list(distinct(self.contexts, given(session.configuration), points))
         for point, values in self.points:
             _check(point, values, largest)
         self._tried: dict[int, Expected | None] = {}
 
     def __enter__(self) -> Trials:
+        """Raises ConfigError where there are no workers."""
+        self.probe.start()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -111,12 +112,14 @@ class Trials:
 
     def _measured(self, point: Point, values: Mapping[str, Any]) -> Expected | None:
         try:
-            took, once = seconds(self.contexts, values, self.probe.rates(values), self.selection)
+            rates = self.probe.rates(values)
+            took, once = seconds(self.contexts, values, rates, self.probe.workers, self.selection)
             reached = self.probe.reached(values) if self.compared else point.reached
         except ConfigError as e:
             self.session.say([f"{point.name} is left out: {e}"])
             return None
-        expected = Expected(point, values, took, once, reached, self.probe.told if self.compared else None)
+        cold, told = self.probe.cold, self.probe.told if self.compared else None
+        expected = Expected(point, values, cold + took, cold + once, reached, told)
         self.session.hint([expected.told(self.frames)])
         return expected
 
@@ -166,10 +169,11 @@ def seconds(
     contexts: Sequence[Context],
     values: Mapping[str, Any],
     rates: Mapping[str, float],
+    workers: int,
     selection: Selection = EVERYTHING,
 ) -> tuple[float, float]:
-    """By the clock, of a run of all that is not fresh, and of these what is done once however many frames there are:
-    `rates` are seconds per unit of work by stage, one task at a time."""
+    """By the clock, of a run of all that is not fresh, and of these what is done once however many frames there
+    are: `rates` are seconds per unit of work by stage."""
     found = []
     for context in contexts:
         own = make_context(
@@ -184,7 +188,6 @@ def seconds(
                 continue
             tasks.add(task, rates[task.stage] * loads(task).work)
         found.append(tasks)
-    workers = local_pools(contexts[0].settings.run)[CPU].workers
     return START + clock(found, workers), START + clock([replace(t, partitions={}) for t in found], workers)
 
 

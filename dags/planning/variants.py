@@ -22,6 +22,7 @@ from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.archive.array_metadata import copy_description
 from posegaussian.storage.archive.chunk_keys import named_as_in
 from posegaussian.storage.archive.receipts import Receipt, missing_files, scan_receipts, write_receipt
+from posegaussian.storage.archive.records import record_text
 from posegaussian.storage.archive.store import Archive, SequenceGroup
 from posegaussian.storage.files.names import folders_in
 from posegaussian.storage.files.write import link_or_copy, link_tree, write_atomically
@@ -33,30 +34,45 @@ Made: TypeAlias = defaultdict[Task, list[tuple[SequenceGroup, Receipt]]]
 """What was made of each task, and where."""
 
 
-def variant(origin: SequenceGroup, settings: Any, different: dict[str, Any], paths: tuple[str, ...]) -> Context:
+def variant(
+    origin: SequenceGroup,
+    settings: Any,
+    different: dict[str, Any],
+    paths: tuple[str, ...],
+    partition_frames: int | None = None,
+) -> Context:
     """The context of a sequence's variant, made or found again.
 
     Args:
         origin: the user's sequence; its record is taken over, nothing of it is changed.
         settings: all settings of the variant.
-        different: {stage.key: value} of what sets it apart; it names the folder.
+        different: {stage.key: value} of what sets it apart; with the partitions' length it names the folder.
         paths: camera paths to render.
+        partition_frames: length of its partitions; None: as those of the sequence.
     """
-    beside = Archive(origin.root.parent)
+    beside, record = Archive(origin.root.parent), origin.place("zarr.json").read_bytes()
+    if partition_frames not in (None, origin.partition_frames):
+        different = {**different, "partition_frames": partition_frames}
+        record = record_text({**origin.record, "partition_frames": partition_frames}, {})
     archive = Archive.open(str(beside.place(f"{FOLDER}/{digest(different)[:12]}")), create=True)
-    root = archive.place(origin.name)
-    file, record = archive.place(f"{origin.name}/zarr.json"), origin.place("zarr.json").read_bytes()
+    root, file = archive.place(origin.name), archive.place(f"{origin.name}/zarr.json")
     if not file.is_file() or file.read_bytes() != record:
         write_atomically(file, record)
         link_tree(origin.place("source"), archive.place(f"{origin.name}/source"))
     return make_context(SequenceGroup(root), settings, paths)
 
 
-def settled_variant(origin: SequenceGroup, settings: Any, different: dict[str, Any], paths: tuple[str, ...]) -> Context:
+def settled_variant(
+    origin: SequenceGroup,
+    settings: Any,
+    different: dict[str, Any],
+    paths: tuple[str, ...],
+    partition_frames: int | None = None,
+) -> Context:
     """A variant that has taken over all it can; what a survey says may settle more, so the context is made until
     nothing comes."""
     while True:
-        context = variant(origin, settings, different, paths)
+        context = variant(origin, settings, different, paths, partition_frames)
         if not share(context, others(origin)):
             return context
 
@@ -80,12 +96,13 @@ def share(context: Context, sources: Iterable[SequenceGroup]) -> int:
 
     Tasks are looked at in the order of flow, because a fingerprint holds the contents of what the task reads. Constants
     of the sequence that were taken together with more than is asked for here will do. Outputs whose files are not all
-    there, or were dropped, are not taken.
+    there, or were dropped, are not taken, nor are those of a sequence in partitions of another length, whose shards are
+    of other frames.
     """
     here = context.sequence
     found: Made = defaultdict(list)
     for source in sources:
-        if source.root == here.root:
+        if source.root == here.root or source.partition_frames != here.partition_frames:
             continue
         for r in scan_receipts(source):
             found[Task(here.name, r.stage, r.partition, r.view, r.path)].append((source, r))

@@ -57,11 +57,12 @@ class Run:
         listeners: Iterable[Listener],
         threads: int = 1,
         rules: Rules | None = None,
+        more: bool = False,
     ) -> None:
-        """Nothing is touched before `go`."""
+        """Nothing is touched before `go`. `more`: another run will follow on the same back end, which is left open."""
         self.plans = {p.context.sequence.name: p for p in plans}
         self.selection, self.backend, self.listeners, self.threads = selection, backend, tuple(listeners), threads
-        self.rules = rules or Rules()
+        self.rules, self.more = rules or Rules(), more
         self.flight = Flight(backend, self.rules, self.tell)
         self.presences: list[Lease] = []
         self.order = {task: i for i, task in enumerate(t for p in plans for t in p.verdicts)}
@@ -105,7 +106,8 @@ class Run:
         except (SchedulerLost, OtherCode) as e:
             self._abandon(failure(e))
         finally:
-            self.backend.close(hard=interrupted)
+            if interrupted or not self.more:
+                self.backend.close(hard=interrupted)
             for presence in self.presences:
                 presence.drop()
         counts = Counter(self.ended.values())

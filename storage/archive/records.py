@@ -83,10 +83,13 @@ def write_record(root: Path, record: dict[str, Any]) -> None:
         attributes = parse_json(read_file(root / FILE, MOST_BYTES))["attributes"]
     except (OSError, ValueError, KeyError, TypeError):
         attributes = {}
-    attributes = {**(attributes if isinstance(attributes, dict) else {}), ATTRIBUTES: checksums.sealed(record)}
-    write_atomically(
-        root / FILE, json.dumps({"attributes": attributes, "zarr_format": 3, "node_type": "group"}, indent=2).encode()
-    )
+    write_atomically(root / FILE, record_text(record, attributes if isinstance(attributes, dict) else {}))
+
+
+def record_text(record: dict[str, Any], beside: dict[str, Any]) -> bytes:
+    """The file of a record with its checksum, and of other attributes of the group."""
+    attributes = {**beside, ATTRIBUTES: checksums.sealed(record)}
+    return json.dumps({"attributes": attributes, "zarr_format": 3, "node_type": "group"}, indent=2).encode()
 
 
 def read_capture(record: dict[str, Any], file: Path) -> Capture:

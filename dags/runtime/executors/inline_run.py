@@ -1,4 +1,5 @@
-"""Running one plan in this process, task by task, for commands that look at what comes of it."""
+"""Running one plan for commands that look at what comes of it: in this process, task by task, or on workers that stay
+for the next one."""
 
 from __future__ import annotations
 
@@ -9,6 +10,7 @@ from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.tasks import Task
 from posegaussian.dags.runtime.events import Event, TaskDone, TaskFailed
 from posegaussian.dags.runtime.executors.serial import SerialBackend
+from posegaussian.dags.runtime.in_flight import Backend
 from posegaussian.dags.runtime.scheduler import Run
 from posegaussian.storage.archive.receipts import Receipt
 from posegaussian.storage.model.errors import UserError
@@ -19,11 +21,16 @@ class RunFailed(UserError):
 
 
 def run_here(
-    plan: Plan, selection: Selection, threads: int = 1, after_each: Callable[[], None] | None = None
+    plan: Plan,
+    selection: Selection,
+    threads: int = 1,
+    after_each: Callable[[], None] | None = None,
+    workers: Backend | None = None,
 ) -> dict[Task, Receipt]:
     """Run what is not fresh; the receipts of what ran.
 
-    `after_each` is called after every task; what it raises ends the run, what is done is kept.
+    `after_each` is called after every task; what it raises ends the run, what is done is kept. `workers`: what runs it
+    in place of this process, left open but for an interrupt.
 
     Raises:
         RunFailed: with a sentence for every task that failed, when all others are done.
@@ -40,7 +47,8 @@ def run_here(
             if after_each is not None:
                 after_each()
 
-    if Run([plan], selection, SerialBackend(), [note], threads).go().interrupted:
+    more = workers is not None
+    if Run([plan], selection, workers or SerialBackend(), [note], threads, more=more).go().interrupted:
         raise KeyboardInterrupt
     if failed:
         error = RunFailed("; ".join(f"{f.task.label()}: {f.error.strip()}" for f in failed))

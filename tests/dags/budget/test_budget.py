@@ -22,7 +22,9 @@ from posegaussian.dags.budget.probe import Probe
 from posegaussian.dags.cli.app import app
 from posegaussian.dags.config.settings import load_configuration
 from posegaussian.dags.planning.context import Context, make_context
+from posegaussian.dags.planning.resources import CPU, Pool
 from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.runtime.executors.serial import SerialBackend
 from posegaussian.dags.session.session import Session
 from posegaussian.storage.model.errors import ConfigError
 from tests.support.pipeline import NAME, Pipeline, film
@@ -147,6 +149,19 @@ def test_few_settings_are_tried_where_they_take_what_they_took_elsewhere(
     assert tried[0] == 0
 
 
+@pytest.mark.parametrize(("workers", "partitions", "frames"), [(1, 3, 4), (2, 1, 4), (2, 3, 6), (9, 3, 6)])
+def test_as_many_workers_are_measured_as_will_have_something_to_do(
+    filmed: Pipeline, monkeypatch: pytest.MonkeyPatch, workers: int, partitions: int, frames: int
+) -> None:
+    class Workers(SerialBackend):
+        pools = property(lambda _: {CPU: Pool(workers, 0, None)})  # type: ignore[assignment]
+
+    session = session_of(filmed)
+    monkeypatch.setattr(Session, "backend", lambda _: Workers())
+    probe = Probe(session.undecided(NAME, ()), session, partitions)
+    assert (probe.workers, probe.frames) == (workers, frames), "of the six that there are"
+
+
 def test_what_is_expected_grows_with_the_work_and_ends_when_all_is_done(filmed: Pipeline, tmp_path: Path) -> None:
     copy = filmed.copy(tmp_path / "archive")
     values = preset("preview").values(48)
@@ -154,7 +169,7 @@ def test_what_is_expected_grows_with_the_work_and_ends_when_all_is_done(filmed: 
     def took(frames: int, rate: float) -> float:
         session = session_of(copy, f"frames.range=0:{frames}")
         return expected.seconds(
-            session_contexts(session), values, dict.fromkeys(("frames", "depth", "gaussians"), rate)
+            session_contexts(session), values, dict.fromkeys(("frames", "depth", "gaussians"), rate), 1
         )[0]
 
     more = [took(frames, 1e-4) - START for frames in (2, 4, 6)]

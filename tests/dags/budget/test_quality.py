@@ -77,7 +77,7 @@ def test_better_pictures_never_cost_less_and_nothing_cheaper_is_as_good(
 
 def test_what_is_measured_is_what_a_run_of_these_frames_has(finished: Pipeline, tmp_path: Path) -> None:
     pipeline = finished.copy(tmp_path / "archive").with_settings("frames.range=0:4")
-    probe = Probe(pipeline.session.undecided(NAME, ()), 1, compared=True)
+    probe = Probe(pipeline.session.undecided(NAME, ()), pipeline.session, 2, compared=True)
     try:
         for values in ({}, {"frames.size": 24}):
             probe.rates(values)

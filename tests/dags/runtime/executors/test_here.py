@@ -10,10 +10,12 @@ from posegaussian.dags.planning.plan import State
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.tasks import Task
 from posegaussian.dags.runtime.executors.inline_run import RunFailed, run_here
+from posegaussian.dags.runtime.executors.serial import SerialBackend
 from posegaussian.storage.archive.receipts import Receipt
 from tests.support.pipeline import Pipeline, film
 
 FRAMES = Selection(only=frozenset({"frames"}))
+DEPTH = Selection(only=frozenset({"depth"}))
 
 
 @pytest.fixture
@@ -46,6 +48,27 @@ def test_what_is_raised_after_a_task_ends_the_run_and_the_task_counts(small: Pip
         with pytest.raises(TimeoutError):
             here(small, after_each=enough)
     assert len(here(small)) == 4
+
+
+def test_workers_that_are_given_stay_for_the_next_plan_but_not_after_an_interrupt(small: Pipeline) -> None:
+    closed = list[bool]()
+
+    class Workers(SerialBackend):
+        def close(self, hard: bool = False) -> None:
+            closed.append(hard)
+
+    workers = Workers()
+    assert len(here(small, workers=workers)) == 6
+    assert here(small, workers=workers) == {}
+    assert closed == []
+
+    def enough() -> None:
+        raise KeyboardInterrupt
+
+    run_here(small.plan(), Selection(only=frozenset({"survey"})), workers=workers)
+    with pytest.raises(KeyboardInterrupt):
+        run_here(small.plan(), DEPTH, after_each=enough, workers=workers)
+    assert closed == [True]
 
 
 def test_every_failed_task_is_named_and_the_others_are_done(small: Pipeline) -> None:

@@ -1,0 +1,55 @@
+"""A sequence beside itself in partitions of another length: nothing of the one is taken for the other's."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from posegaussian.dags.planning.context import Context
+from posegaussian.dags.planning.plan import make_plan
+from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.planning.variants import settled_variant
+from posegaussian.dags.runtime.executors.inline_run import run_here
+from tests.support.pipeline import NAME, Pipeline, assert_same_content, content, film
+
+DEPTH = Selection(only=frozenset({"frames", "depth"}))
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Pipeline:
+    """Four frames in partitions of two."""
+    folder = tmp_path_factory.mktemp("variants")
+    film(folder / "capture", views=4, size=32, frames=4, held_out=0)
+    pipeline = Pipeline(folder / "archive", folder / "capture", partition=2, held_out="[]")
+    pipeline.register()
+    run_here(pipeline.plan(selection=DEPTH), DEPTH)
+    return pipeline
+
+
+def beside(pipeline: Pipeline, length: int | None, name: str) -> Context:
+    context = pipeline.context()
+    return settled_variant(context.sequence, context.settings, {"of": name}, context.path_texts, length)
+
+
+def test_of_the_same_length_all_is_taken_over(made: Pipeline) -> None:
+    for length in (None, 2):
+        assert not run_here(make_plan(beside(made, length, "same"), DEPTH), DEPTH)
+
+
+def test_of_another_length_everything_is_made_as_a_sequence_registered_so_makes_it(
+    made: Pipeline, tmp_path: Path
+) -> None:
+    other = beside(made, 1, "frame by frame")
+    assert other.sequence.partition_frames == 1
+    done = run_here(make_plan(other, DEPTH), DEPTH)
+    assert {t.partition for t in done} == {0, 1, 2, 3}
+    assert made.context().sequence.partition_frames == 2, "the user's sequence stays as it is"
+    registered = Pipeline(tmp_path / "archive", made.folder, partition=1, held_out="[]")
+    registered.register()
+    run_here(registered.plan(selection=DEPTH), DEPTH)
+    root = other.sequence.root.parent
+    assert_same_content(content(Pipeline(root, made.folder, partition=1, held_out="[]")), content(registered))
+    again = beside(made, 1, "once more")
+    assert not run_here(make_plan(again, DEPTH), DEPTH), "of its own length it takes over what another one made"
+    assert again.sequence.name == NAME
