@@ -117,13 +117,17 @@ class SharedGaussians:
             "color": (-color, 1 - color),
         }
         self.offsets: Offsets = {name: np.zeros((c, len(self)), np.float32) for name, c in CHANNELS.items()}
+        self._made: dict[str, np.ndarray] = {}
+        """What the last Gaussians were made of."""
 
     def __len__(self) -> int:
         return len(self.rays.x)
 
     def gaussians(self) -> Gaussians:
-        """In the world, the same from all sides; each a leaf, whose gradient `slopes` carries on to the offsets."""
+        """In the world, the same from all sides; each a leaf, whose gradient `slopes` carries on to the offsets, as
+        they are until the next are made."""
         v = self._values()
+        self._made = v
         mean, rotation = self.rays.lifted(v["depth"][0], v["rotation"], v["twist"])
         scale, color = (np.ascontiguousarray(v[name].T) for name in ("scale", "color"))
         made = (mean, rotation, scale, v["opacity"][0], color)
@@ -136,14 +140,15 @@ class SharedGaussians:
         return other
 
     def slopes(self, gaussians: Gaussians) -> Offsets:
-        """What the gradients of `gaussians`, made of the offsets as they are, are by the offsets."""
-        v, (cosine, sine) = self._values(), self.twist
+        """What the gradients of `gaussians`, the last that were made, are by the offsets they were made of."""
+        v, (cosine, sine) = self._made, self.twist
         mean, rotation, scale, opacity, color = (_gradient(t) for t in vars(gaussians).values())
+        scale, color = (np.ascontiguousarray(slope.T) for slope in (scale, color))
         by_depth, by_normal, by_twist = self.rays.slopes(v["rotation"], v["twist"], mean, rotation)
         p = v["opacity"]
         return {
-            "color": color.T,
-            "scale": scale.T * v["scale"],
+            "color": color,
+            "scale": scale * v["scale"],
             "rotation": by_normal,
             "opacity": opacity[None] * p * (1 - p),
             "depth": by_depth[None] * self.footprint,

@@ -62,33 +62,36 @@ def loss(color: np.ndarray, alpha: np.ndarray, filmed: Filmed) -> Loss:
 def weighed(color: np.ndarray, alpha: np.ndarray, filmed: Filmed, weight: np.ndarray, coverage: float) -> Loss:
     """The same with weights [h, w] float32 of your own, which have no slope."""
     box = around(filmed.covered | (alpha > 0))
-    x, y = np.ascontiguousarray(color[box]), np.ascontiguousarray(filmed.color[box])
-    moments = Moments(*(m[box] for m in filmed.moments))
-    inner = np.ascontiguousarray(weight[box])
-    value, slope = structure(x, y, moments, inner, STRUCTURE)
-    by_color, by_alpha = np.zeros_like(color), np.zeros_like(alpha)
-    value += _absolute(
-        x, y, alpha[box], filmed.cover[box], inner, np.float32(coverage), slope, by_color[box], by_alpha[box]
+    x, y, drawn, cover, inner, *moments = (
+        np.ascontiguousarray(a[box]) for a in (color, filmed.color, alpha, filmed.cover, weight, *filmed.moments)
     )
-    return Loss(value, by_color, by_alpha)
+    value, slope = structure(x, y, Moments(*moments), inner, STRUCTURE)
+    by_color, by_alpha = np.zeros_like(color), np.zeros_like(alpha)
+    flat = len(x), -1
+    more, by_alpha[box] = _absolute(
+        x.reshape(flat), y.reshape(flat), drawn, cover, inner, np.float32(coverage), slope.reshape(flat)
+    )
+    by_color[box] = slope
+    return Loss(value + more, by_color, by_alpha)
 
 
 @njit(cache=True, nogil=True)
-def _absolute(x, y, alpha, cover, weight, coverage, slope, by_color, by_alpha):  # type: ignore[no-untyped-def]
-    """The absolute differences' share of the value; write the slopes, with that of the structure, into the last two
-    arguments."""
-    value = 0.0
-    third = np.float32((1 - STRUCTURE) / 3)
-    for i in range(x.shape[0]):
-        row = np.float32(0)
-        for j in range(x.shape[1]):
-            w = weight[i, j]
+def _absolute(x, y, alpha, cover, weight, coverage, slope):  # type: ignore[no-untyped-def]
+    """The absolute differences' share of the value, and their slope by alpha [h, w]; that by colours is added to
+    `slope`, [h, 3 w] as x and y are, channels side by side."""
+    h, n = x.shape
+    by_alpha, weights = np.empty_like(alpha), np.empty(n, np.float32)
+    missed, uncovered = np.zeros(n), np.zeros(n // 3)
+    third, zero = np.float32((1 - STRUCTURE) / 3), np.float32(0)
+    for i in range(h):
+        for j in range(n // 3):
+            w, off = weight[i, j], alpha[i, j] - cover[i, j]
+            uncovered[j] += w * coverage * abs(off)
+            by_alpha[i, j] = w * coverage * (np.float32(off > zero) - np.float32(off < zero))
             for c in range(3):
-                off = x[i, j, c] - y[i, j, c]
-                row += w * third * abs(off)
-                by_color[i, j, c] = slope[i, j, c] + w * third * np.sign(off)
-            off = alpha[i, j] - cover[i, j]
-            row += w * coverage * abs(off)
-            by_alpha[i, j] = w * coverage * np.sign(off)
-        value += row
-    return value
+                weights[3 * j + c] = w * third
+        for j in range(n):
+            off = x[i, j] - y[i, j]
+            missed[j] += weights[j] * abs(off)
+            slope[i, j] += weights[j] * (np.float32(off > zero) - np.float32(off < zero))
+    return missed.sum() + uncovered.sum(), by_alpha
