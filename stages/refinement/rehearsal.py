@@ -17,7 +17,11 @@ from posegaussian.stages.splatting.gpu.backend import lacks
 JUDGED_EVERY = 10
 """Steps from one judgement to the next."""
 PATIENCE = 5
-"""Judgements without a better one after which a frame is done, where any gain is worth it."""
+"""Judgements without one as good after which a frame is done, where any gain is worth it."""
+ALIKE = 10**0.002
+"""Times the least error, up to which a later judgement is as good where any gain is worth it: 0.02 dB, by which one
+differs from the next by chance. Where errors hardly fall any more, which of them is least is chance, too, and with it
+was whether 50 or 200 steps were made."""
 WINDOW = 3
 """Judgements over which steps must have been worth it: of sixteen pictures, four a step, one judgement may be 0.3 dB
 worse than the one before and the next one better again."""
@@ -66,7 +70,8 @@ def rehearse(
 ) -> Rehearsal:
     """At which of at most `steps` steps the judge's picture is best, drawn from the other views' Gaussians, trained on
     the other views' pictures, and mixed with the one without refinement; no more are tried once the last `WINDOW`
-    judgements gained less than `worth` dB on their mean.
+    judgements gained less than `worth` dB on their mean. Where any gain is worth it, the last step that is as good as
+    the best.
 
     Deterministic: equal arguments give equal bits on any number of threads, and on a device in every run.
     """
@@ -76,9 +81,10 @@ def rehearse(
         walk.step()
         if step % JUDGED_EVERY == 0 or step == steps:
             found = judge.judgement(walk.reached.gaussians)
-            if found.error < best.error:
-                best, at = found, step
             errors.append(min([found.error, *errors[-1:]]))
+            as_good = worth == 0 and found.error <= ALIKE * errors[-1]
+            if found.error < (judge.before if as_good else best.error):
+                best, at = found, step
             if step - at >= PATIENCE * JUDGED_EVERY or not _worth_more(errors, worth):
                 break
     return Rehearsal(plan.judge, judge.before, best.error, at, best.share, walk.masked)
