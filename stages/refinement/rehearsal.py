@@ -40,7 +40,7 @@ class Rehearsal:
     after: float
     """The same of the mixture; less than `before` where refinement is a gain."""
     step: int
-    """The best step; 0 is the start."""
+    """The step that is kept; 0 is the start."""
     share: float
     """Of the refined Gaussians' picture in the mixture that the judge found best, 0..1."""
     masked: int
