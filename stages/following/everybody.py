@@ -20,6 +20,9 @@ CANDIDATES = 16
 """People of a picture that are followed."""
 LOOKS = 5
 """Frames in which a piece's looks are taken."""
+BETWEEN = 1.5
+"""Times the usual interval between frames for which people are looked for where they went, whatever `gap` says: of
+frames that lie seconds apart, each shows them elsewhere."""
 LEAST_FRAMES = 3
 """Frames in which a person must be seen to count; phantoms of a detector come and go."""
 _NAMES = joint_set("coco17").names
@@ -63,7 +66,8 @@ class Everybody:
         cls, rig: Rig, frames: Iterable[Frame], times: np.ndarray, gap: float, least: int = LEAST_FRAMES
     ) -> Everybody:
         """Follow everybody; frames in order. Where the rig has one camera, in its picture."""
-        follower = Follower(rig, gap)
+        between = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+        follower = Follower(rig, max(gap, BETWEEN * between), sparse=between > gap)
         shape = (len(times), len(rig), CANDIDATES)
         out = cls(np.full(shape, -1, np.int32), np.zeros(shape, np.float32), times, least=min(least, len(times)))
         sums: dict[int, np.ndarray] = defaultdict(lambda: np.zeros((2, len(_BONES) + 1)))

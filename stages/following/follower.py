@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import combinations
 
 import numpy as np
 
@@ -86,6 +87,9 @@ class Follower:
     rig: Rig
     gap: float
     """Seconds for which a person may be out of sight."""
+    sparse: bool = False
+    """Whether frames lie so far apart that people may have changed places from each to the next; then their looks tell
+    them apart, as if all of them met."""
     encounters: list[Encounter] = field(default_factory=list)
     """Those that are over, in the order in which they ended."""
     live: list[Live] = field(default_factory=list)
@@ -100,6 +104,8 @@ class Follower:
         people: V arrays [P_v, 17, 3] COCO-17 px of the rig, all of a single camera where the rig has one.
         """
         self.live = [p for p in self.live if time - p.time <= self.gap]
+        if self.sparse:
+            self.encounters += [_met(a, b, frame - 1) for a, b in combinations(self.live, 2)]
         seen = associate(self.rig, people) if len(self.rig) > 1 else _alone(people[0])
         numbers = [np.full(len(p), -1) for p in people]
         placed = self._go_on(time, seen)
@@ -163,6 +169,11 @@ class Follower:
         alive = {p.number for p in self.live}
         for pair in [p for p in self._open if not alive.issuperset(p)]:
             self.encounters.append(self._open.pop(pair))
+
+
+def _met(a: Live, b: Live, frame: int) -> Encounter:
+    """That of two people who may have changed places behind a frame."""
+    return Encounter((a.number, b.number), frame, frame, frame, 0.0)
 
 
 def _alone(people: np.ndarray) -> list[Seen]:

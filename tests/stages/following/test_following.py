@@ -188,3 +188,32 @@ def test_an_assignment_is_the_best_of_all(shape: tuple[int, int]) -> None:
         ]
         best = min((-len(pairs), sum(wide[i, j] for i, j in pairs)) for pairs in givings)
         assert (-len(found), pytest.approx(sum(off[i, j] for i, j in found))) == best
+
+
+def sparse(seconds: float, frames: int = 8) -> tuple[People, np.ndarray, np.ndarray]:
+    """Two people in frames `seconds` apart, who change places from each to the next; and the times of the frames."""
+    x = 0.5 * (-1.0) ** np.arange(frames)
+    people, order = filmed(at([np.stack([x, 0 * x], axis=1), np.stack([-x, 0 * x], axis=1)]))
+    return people, order, seconds * np.arange(frames)
+
+
+def test_frames_that_lie_seconds_apart_show_the_same_person() -> None:
+    people, order, times = sparse(1.3)
+    alone = [[p[o == 0] for p, o in zip(*fv, strict=True)] for fv in zip(people, order, strict=True)]
+    found = Everybody.of(RIG, ((f, float(times[f]), p) for f, p in enumerate(alone)), times, gap=0.5)
+    found.settle({}, 0.5)
+    assert (found.numbers[..., 0] == 0).all()
+    assert len(found.places) == 1
+
+
+def test_people_who_change_places_between_frames_that_lie_apart_are_told_apart_by_their_looks() -> None:
+    people, order, times = sparse(1.3)
+    found = Everybody.of(RIG, ((f, float(times[f]), p) for f, p in enumerate(people)), times, gap=0.5)
+    taken: dict[tuple[int, int], np.ndarray] = {}
+    for v, frames in found.look_at().items():
+        for f, wanted in frames.items():
+            for index, number, piece in wanted:
+                taken[number, piece] = two_looks()[order[f, v, index]]
+    found.settle(taken, 0.5)
+    who = said(found, order)
+    assert {tuple(np.unique(who[..., b])) for b in range(2)} == {(0,), (1,)}
