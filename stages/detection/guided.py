@@ -105,7 +105,7 @@ def _region(space: Space, view: int, joints3d: np.ndarray) -> np.ndarray | None:
     region = body_region(captured, seen, space.joint_set)
     width, height = space.inputs.source("pictures").size(view)
     inside = (captured[seen] >= 0).all(axis=-1) & (captured[seen] <= (width, height)).all(axis=-1)
-    return region if inside.mean() >= AGREEING else None
+    return region if inside.sum() >= FEWEST else None
 
 
 def body_region(joints: np.ndarray, known: np.ndarray, set_id: str) -> np.ndarray:

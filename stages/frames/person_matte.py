@@ -14,8 +14,10 @@ import numpy as np
 
 from posegaussian.stages.frames.body import body_shape, limb_bones, pixels_per_metre
 from posegaussian.stages.frames.color_likelihood import Plate, color_odds
+from posegaussian.stages.frames.plate_matte import UNSEEN
 from posegaussian.stages.geometry.subject import STATURE
 from posegaussian.stages.imaging.part import part_around
+from posegaussian.storage.model.joint_sets import joint_set
 
 HINT_FLOOR = 0.03
 """A segmentation is taken to be wrong about a pixel that often, however sure it is."""
@@ -40,6 +42,11 @@ FLATNESS = 100.0
 """(1/255)² of variance below which the guided filter sees no edge."""
 HULL = 2.0
 """Log odds, without a segmentation, against what joints say where the other views do not confirm it."""
+HANDS = ("Wrist", "Pinky", "Index", "Thumb", "Hand")
+"""Joints of a hand, without their side."""
+HOLDING, MAY_HOLD = 0.35, -1.5
+"""Metres about the joints of a hand in which what it holds may lie, and the least log odds there before a plate has
+spoken, whatever the segmentation says."""
 FAINT = 0.15
 """Segmentation from which on the subject may be there."""
 SMALLEST_PART, SMALLEST_HOLE = 0.005, 0.0005
@@ -64,6 +71,8 @@ class Known:
     """[h, w] float32 0..1: where the other views allow the subject; None where none saw the subject."""
     confirmed: np.ndarray | None
     """[h, w] float32 0..1: where the other views all saw the subject."""
+    alone: bool = False
+    """Whether nobody else is known to be there, so that what lies at a hand is held by it."""
 
 
 def person_matte(
@@ -76,7 +85,10 @@ def person_matte(
     """
     scale = _scale(known)
     size = (picture.shape[1], picture.shape[0])
-    prior = _prior(known, size, scale, margin * scale / METRE_OF_SIDE) if scale > 0 else None
+    hands = _about_hands(known, size, HOLDING * scale) & (
+        plate[1] < UNSEEN if plate is not None and known.alone else False
+    )
+    prior = _prior(known, hands, scale, margin * scale / METRE_OF_SIDE) if scale > 0 else None
     if prior is None or not (prior > 0).any():
         return None
     box = part_around(prior > RULED_OUT / 2, round(0.5 * WINDOW * scale) + 2)
@@ -99,7 +111,10 @@ def person_matte(
         inside = 1 / (1 + np.exp(-odds))
         odds = cv2.ximgproc.guidedFilter(shown, prior + color_odds(smooth, inside, side, against), radius, FLATNESS)
     out = np.zeros(picture.shape[:2], np.uint8)
-    out[box] = _soft_edge(shown, _clean(odds > 0, prior > 0))
+    mask = _clean(odds > 0, prior > 0)
+    if known.hint is not None:
+        mask |= _holes_in_things(mask, hands[box] & (prior <= 0))
+    out[box] = _soft_edge(shown, mask)
     return out
 
 
@@ -112,15 +127,17 @@ def _scale(known: Known) -> float:
     return scale
 
 
-def _prior(known: Known, size: tuple[int, int], scale: float, reach: float) -> np.ndarray | None:
-    """[h, w] float32 log odds of the subject in a picture of `size` before it is looked at; None where nothing is
-    known.
+def _prior(known: Known, hands: np.ndarray, scale: float, reach: float) -> np.ndarray | None:
+    """[h, w] float32 log odds of the subject in a picture before it is looked at; None where nothing is known.
 
-    scale: px of a metre; reach: px by which a segmentation may be off.
+    hands [h, w] bool: where something held may lie and a plate tells; scale: px of a metre; reach: px by which a
+    segmentation may be off.
     """
+    size = (hands.shape[1], hands.shape[0])
     body = body_shape(known.joints, known.joint_set, size)
     if known.hint is not None:
         prior = _of_hint(known.hint, reach)
+        prior = np.where(hands, np.maximum(prior, MAY_HOLD), prior)
         if known.confirmed is not None:
             missed = (
                 limb_bones(known.joints, known.joint_set, size, BONE)
@@ -144,6 +161,15 @@ def _prior(known: Known, size: tuple[int, int], scale: float, reach: float) -> n
         # Joints are triangulated: where they are, other views saw the subject, whatever their segmentation says.
         prior = np.where((known.possible < 0.5) & ~body, RULED_OUT, prior)
     return prior.astype(np.float32)
+
+
+def _about_hands(known: Known, size: tuple[int, int], reach: float) -> np.ndarray:
+    """[h, w] bool: pixels of a picture of `size` (width, height) that lie at most `reach` px from a hand."""
+    out = np.zeros((size[1], size[0]), np.uint8)
+    for name, (u, v, score) in zip(joint_set(known.joint_set).names, known.joints, strict=True):
+        if score > 0 and name[1:] in HANDS and np.abs([u, v]).max() < 4 * max(size):
+            cv2.circle(out, (round(u), round(v)), round(reach), 1, -1)
+    return out > 0
 
 
 def _of_hint(hint: np.ndarray, reach: float) -> np.ndarray:
@@ -192,6 +218,18 @@ def _clean(found: np.ndarray, foretold: np.ndarray) -> np.ndarray:
     filled = stats[:, cv2.CC_STAT_AREA] < SMALLEST_HOLE * mask.sum()
     filled[0] = False
     return mask | filled[labels]
+
+
+def _holes_in_things(mask: np.ndarray, thing: np.ndarray) -> np.ndarray:
+    """[h, w] bool: holes of a mask [h, w] bool most of whose rim lies in what is held, `thing` [h, w] bool: there a
+    part of it looks like what is behind. Those between arm and body are none of them."""
+    count, labels = cv2.connectedComponents((~mask).astype(np.uint8), connectivity=4)
+    beside = np.where(mask, cv2.dilate(labels.astype(np.float32), np.ones((3, 3), np.uint8)), 0).astype(np.int64)
+    around, held = np.bincount(beside.ravel(), minlength=count), np.bincount(beside[thing], minlength=count)
+    filled = held > 0.5 * around
+    filled[np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))] = False
+    filled[0] = False
+    return np.asarray(filled[labels])
 
 
 def _soft_edge(picture: np.ndarray, mask: np.ndarray) -> np.ndarray:

@@ -66,6 +66,7 @@ class Hints:
         self._person = {v: inputs.read("detection/person", v) for v in sources}
         self._region = {v: inputs.read("detection/region", v) for v in sources}
         self._chosen = {v: inputs.read("pose/chosen", v) for v in sources}
+        self._alone = inputs.read("pose/alone") if SEGMENTED in inputs.facts else None
         self._joints3d = inputs.read("pose/joints3d")
         self._joints2d = {inputs.view: inputs.read("pose/joints2d", inputs.view)}
         self._captured: dict[tuple[int, int], np.ndarray] = {}
@@ -77,7 +78,8 @@ class Hints:
             joints[~in_space, 2] = 0.0
         possible, confirmed = self.support(view, frame) or (None, None)
         assert self._inputs.joint_set is not None, "the person matte needs joints"
-        return Known(self.of_view(view, frame), joints, self._inputs.joint_set, possible, confirmed)
+        alone = self._alone is not None and bool(self._alone[frame, 0])
+        return Known(self.of_view(view, frame), joints, self._inputs.joint_set, possible, confirmed, alone)
 
     def of_view(self, view: int, frame: int, cell: int = 1) -> np.ndarray | None:
         """[h, w] float32 segmentation on a view's grid of `cell` px; negative where the estimator did not look, None

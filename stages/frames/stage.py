@@ -159,6 +159,7 @@ STAGE = Stage(
         Read("detection/person", when=_segmented),
         Read("detection/region", when=_segmented),
         Read("pose/chosen", when=_segmented),
+        Read("pose/alone", when=_segmented),
         Read("pose/joints2d", views="own", when=_person),
         Read("pose/joints3d", when=_person),
         Read(SURFACE, views="sources", when=lambda p, f: _matched(p, f) and compared(f) == SURFACE),

@@ -16,7 +16,7 @@ from posegaussian.stages.pose.jumps import jumps_told
 from posegaussian.stages.pose.model_maps import put_model_maps
 from posegaussian.stages.pose.params import PoseParams, uses_model_maps
 from posegaussian.stages.pose.subject_detections import joint_set_of, subject_told
-from posegaussian.stages.pose.subject_match import found_subject
+from posegaussian.stages.pose.subject_match import found_subject, held_subject, nobody_else
 from posegaussian.stages.pose.tracking import Followed, follow, swaps_told
 from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.joint_sets import to_set
@@ -27,7 +27,7 @@ NEAREST_SUBJECT = 0.5
 
 def run(inputs: Inputs, params: PoseParams) -> Iterator[Block]:
     """Yield pose/joints3d, then pose/joints2d and, while `pose_heatmaps` is on, pose/heatmaps view by view; where an
-    estimator segments people pose/chosen, too.
+    estimator segments people pose/chosen and pose/alone, too.
 
     Joints keep the joint set they came in, the 2D source's where there is one; heatmaps are COCO-17. Only source views'
     detections are read, of frames where the view is valid; every other view knows its camera only and gets
@@ -39,11 +39,12 @@ def run(inputs: Inputs, params: PoseParams) -> Iterator[Block]:
     followed = follow(inputs, params, set_id)
     frames = [_frame(inputs, params, followed, f, set_id) for f in range(len(inputs.partition))]
     joints3d, joints2d, depth, stands = (np.stack(part) for part in zip(*frames, strict=True))
-    chosen = (
-        followed.chosen
-        if ESTIMATED in inputs.facts or SEGMENTED not in inputs.facts
-        else found_subject(inputs, joints2d, set_id)
-    )
+    chosen = None
+    if SEGMENTED in inputs.facts:
+        by_joints = followed.chosen if ESTIMATED in inputs.facts else found_subject(inputs, joints2d, set_id)
+        alone = nobody_else(inputs, by_joints)
+        chosen = held_subject(inputs, by_joints, joints3d, alone)
+        yield Block("pose/alone", alone.astype(np.uint8)[:, None])
     unknown = () if in_one_picture(inputs.facts) else unknown_note("pose/joints3d", joints3d)
     yield Block("pose/joints3d", joints3d.astype(np.float32), notes=(*_told(inputs, params, followed), *unknown))
     grid = grid_of(inputs.rig.size)
@@ -55,7 +56,7 @@ def run(inputs: Inputs, params: PoseParams) -> Iterator[Block]:
             v,
             notes=unknown_note("pose/joints2d", joints2d[:, v]) if told else (),
         )
-        if SEGMENTED in inputs.facts:
+        if chosen is not None:
             yield Block("pose/chosen", chosen[:, v].astype(np.int32), v)
         if POSE_HEATMAPS not in inputs.facts:
             continue

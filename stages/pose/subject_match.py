@@ -1,18 +1,34 @@
-"""Which of the people that an estimator found is the subject whose joints came with the capture."""
+"""Which of the people that an estimator found is the subject: by joints that came with the capture, and where no joints
+tell by who is segmented on the subject's joints in space.
+
+Of somebody whom a picture cuts off, or whose face it does not show, an estimator often puts the joints wrong and still
+segments them well.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
+from posegaussian.stages.contract.facts import TRACKED
 from posegaussian.stages.contract.io import Inputs
+from posegaussian.stages.geometry.points import NEAR, project
+from posegaussian.stages.imaging.camera_mapping import captured_positions, switched
+from posegaussian.stages.imaging.regions import to_own
 from posegaussian.stages.pose.subject_detections import DETECTIONS, in_frames
 from posegaussian.storage.model.joint_sets import BLAZEPOSE33, joint_set, to_set
+from posegaussian.storage.model.masks import foreground
 
 FEWEST = 5
 """Joints that both must have before they are compared."""
 SAME = 0.12
 """Median distance of two detectors' joints, as a share of the body's extent, up to which they are one person: they
 put hips and shoulders 2 % apart, and a person beside the subject is a quarter of a body away."""
+PICTURED = 8
+"""Joints in space that a picture must hold before a segmentation is compared with them."""
+HOLDS = 0.4
+"""Share of these joints that a segmentation must hold. Of a man at a desk, cut off by two of four webcams, a board
+before half of his joints, his own hold 0.4 to 1; of two simulated people those of the other one hold 0 to 0.36, but
+where one stands before the other."""
 FLIPS = np.array(joint_set("coco17").flips)
 
 
@@ -47,3 +63,55 @@ def _apart(person: np.ndarray, subject: np.ndarray) -> float:
     """Median distance, px, of the joints [17, 3] that both have; infinite where they are too few."""
     both = (person[:, 2] > 0) & (subject[:, 2] > 0)
     return float(np.median(np.linalg.norm((person - subject)[both, :2], axis=1))) if both.sum() >= FEWEST else np.inf
+
+
+def nobody_else(inputs: Inputs, chosen: np.ndarray) -> np.ndarray:
+    """[F] bool: frames in which nobody is followed but the subject, who is `chosen` [F, V] of the people found."""
+    others = np.zeros(len(chosen), bool)
+    if TRACKED in inputs.facts:
+        first = inputs.partition.start - inputs.span("people/number").start
+        for v in inputs.views.sources:
+            numbers = np.asarray(inputs.read("people/number", v))[first : first + len(chosen)]
+            subject = chosen[:, v : v + 1] == np.arange(numbers.shape[1])
+            others |= ((numbers >= 0) & ~subject).any(axis=1)
+    return ~others
+
+
+def held_subject(inputs: Inputs, chosen: np.ndarray, joints3d: np.ndarray, alone: np.ndarray) -> np.ndarray:
+    """`chosen` [F, V], which of the people of detection/* is the subject, with whoever is segmented on the subject's
+    joints in space [F, J, 4] in place of -1. It stays where nobody is, and in frames in which the subject is not
+    `alone` [F]: somebody else may stand before the subject."""
+    out = chosen.copy()
+    source_rig, crops = switched(inputs.source_rig, inputs.captured_to_calibrated, inputs.facts)
+    for v in inputs.views.sources:
+        missed = np.flatnonzero((chosen[:, v] < 0) & alone)
+        if not len(missed):
+            continue
+        people, regions = inputs.read("detection/person", v), inputs.read("detection/region", v)
+        for f in missed:
+            pixels = _seen(inputs, v, joints3d[f])
+            if len(pixels) >= PICTURED:
+                captured = captured_positions(
+                    pixels, inputs.rig.intrinsics[v], source_rig.intrinsics[v], source_rig.distortion[v], crops[v]
+                )
+                held = [_share(p, r, captured) for p, r in zip(people[f], regions[f], strict=True)]
+                best = int(np.argmax(held))
+                out[f, v] = best if held[best] >= HOLDS else -1
+    return out
+
+
+def _seen(inputs: Inputs, view: int, joints: np.ndarray) -> np.ndarray:
+    """[N, 2] px of frames/* of the joints in space [J, 4] that lie in a view's picture."""
+    pixels, depth = (a[:, 0] for a in project(inputs.rig.subset([view]), joints[:, :3]))
+    inside = ((pixels >= 0) & (pixels < inputs.rig.size[view])).all(axis=-1)
+    return np.asarray(pixels[(joints[:, 3] > 0) & (depth > NEAR) & inside])
+
+
+def _share(person: np.ndarray, region: np.ndarray, captured: np.ndarray) -> float:
+    """Share of the captured positions [N, 2] px that a segmentation [n, n] uint8 over its region [4] holds."""
+    if region[2] <= 0:
+        return 0.0
+    cells = np.floor(to_own(captured, region) * len(person))
+    there = np.isfinite(cells).all(axis=-1) & ((cells >= 0) & (cells < len(person))).all(axis=-1)
+    columns, rows = cells[there].astype(np.int64).T
+    return float(foreground(person[rows, columns]).sum() / len(captured))

@@ -34,6 +34,7 @@ def segmented(person: PersonCapture, cells: int = 256) -> dict[str, np.ndarray]:
         "detection/person": hint,
         "detection/region": np.tile(np.array([size / 2, size / 2, size, 0.0], np.float32), (frames, views, 1, 1)),
         "pose/chosen": np.zeros((frames, views), np.int32),
+        "pose/alone": np.ones((frames, 1), np.uint8),
         "pose/joints2d": person.joints2d.astype(np.float32),
         "pose/joints3d": joints3d,
     }

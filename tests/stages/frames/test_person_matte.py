@@ -116,6 +116,74 @@ def test_a_limb_that_only_the_own_segmentation_misses_comes_back() -> None:
     assert (cut(person, together, plate=walls[0])[missing] > 127).mean() > 0.85
 
 
+def with_a_board(person: PersonCapture, wall: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """[h, w] bool: a board that view 0 sees at a place [2] px, painted into its picture; in its middle it looks like
+    the wall."""
+    x, y = np.rint(at).astype(int)
+    board, middle = np.zeros((SIZE, SIZE), bool), np.zeros((SIZE, SIZE), bool)
+    board[y - 9 : y + 9, x - 11 : x + 11] = True
+    middle[y - 4 : y + 4, x - 5 : x + 5] = True
+    board &= person.mask[0, 0] == 0
+    person.color[0, 0][board] = (20, 160, 40)
+    person.color[0, 0][board & middle] = wall[board & middle]
+    return board
+
+
+@pytest.mark.parametrize("plated", [True, False])
+def test_what_is_held_belongs_to_the_person_where_a_plate_tells_it_from_what_is_behind(plated: bool) -> None:
+    person, walls = before_a_wall()
+    hand = person.joints2d[0, 0, COCO17.names.index("LWrist"), :2]
+    elbow = person.joints2d[0, 0, COCO17.names.index("LElbow"), :2]
+    board = with_a_board(person, walls[0], hand + 15 * (hand - elbow) / np.linalg.norm(hand - elbow))
+    known = replace(hints_of(person, segmented(person), 0).known(0, 0), possible=None, confirmed=None)
+    found = cut(person, known, plate=walls[0] if plated else None) > 127
+    assert board.sum() > 250
+    if plated:
+        assert found[board].mean() > 0.85  # its middle, too, which is the wall's colour: a fifth of it
+        assert overlap(255 * found.astype(np.uint8), np.uint8(255) * (board | (person.mask[0, 0] > 127))) > 0.94
+    else:  # colours alone do not tell a thing from what is behind
+        assert found[board].mean() < 0.2
+
+
+def test_nothing_is_held_where_somebody_else_is_there() -> None:
+    person, walls = before_a_wall()
+    hand = person.joints2d[0, 0, COCO17.names.index("LWrist"), :2]
+    elbow = person.joints2d[0, 0, COCO17.names.index("LElbow"), :2]
+    board = with_a_board(person, walls[0], hand + 15 * (hand - elbow) / np.linalg.norm(hand - elbow))
+    arrays = segmented(person)
+    arrays["pose/alone"][:] = 0
+    known = replace(hints_of(person, arrays, 0).known(0, 0), possible=None, confirmed=None)
+    assert (cut(person, known, plate=walls[0])[board] > 127).mean() < 0.2
+
+
+def test_what_stands_where_no_hand_is_belongs_to_nobody() -> None:
+    person, walls = before_a_wall()
+    nose = person.joints2d[0, 0, COCO17.names.index("Nose"), :2]
+    thing = with_a_board(person, walls[0], nose + np.array([14, -2]))
+    thing[:, : round(nose[0]) + 14] = False  # half of it lies where the segmentation may be off
+    known = replace(hints_of(person, segmented(person), 0).known(0, 0), possible=None, confirmed=None)
+    assert thing.sum() > 150
+    assert (cut(person, known, plate=walls[0])[thing] > 127).mean() < 0.2
+
+
+def test_the_gap_between_arm_and_body_stays_open() -> None:
+    size, joints = 160, np.zeros((17, 3))
+    body = np.zeros((size, size), np.uint8)
+    cv2.rectangle(body, (50, 20), (110, 150), 255, -1)
+    cv2.rectangle(body, (65, 60), (80, 100), 0, -1)
+    joints[[COCO17.names.index(n) for n in ("LShoulder", "LElbow", "LWrist")]] = [
+        (55, 55, 1),
+        (57, 80, 1),
+        (60, 105, 1),
+    ]
+    ground = np.clip(wall(size, 3), 0, 255).astype(np.uint8)
+    picture = np.where(body[..., None] > 0, np.array([60, 90, 190]), ground).astype(np.uint8)
+    known = Known(body.astype(np.float32) / 255, joints, "coco17", None, None, alone=True)
+    found = person_matte(picture, known, (ground, np.full((size, size), 2, np.uint8)), THRESHOLD, MARGIN)
+    assert found is not None
+    assert (found[63:98, 68:78] < 128).mean() > 0.9
+
+
 def arrays_of(person: PersonCapture, walls: np.ndarray) -> dict[str, np.ndarray]:
     return {**segmented(person, 64), "survey/plate": walls, "survey/spread": np.full(walls.shape[:3], 2, np.uint8)}
 

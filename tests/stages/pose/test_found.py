@@ -29,7 +29,11 @@ def test_given_joints_choose_among_the_people_found_in_every_view() -> None:
     out = run_stage(
         STAGE,
         PoseParams(),
-        {"detection/joints2d": people},
+        {
+            "detection/joints2d": people,
+            "detection/person": np.zeros((FRAMES, 4, 3, 8, 8), np.uint8),
+            "detection/region": np.zeros((FRAMES, 4, 3, 4), np.float32),
+        },
         rig,
         roles(rig),
         FRAMES,
