@@ -2,7 +2,9 @@
 
     python -m benchmarks.frames.mattes balance CAPTURES/balance [--archive FOLDER] [--sheet FILE.png]    a real capture,
     outlined by hand python -m benchmarks.frames.mattes given CAPTURES/balance [--archive FOLDER] [--sheet FILE.png]
-    the same with the joints that came with it python -m benchmarks.frames.mattes simulated [--seeds 9000 9001] [--sheet
+    the same with the joints that came with it python -m benchmarks.frames.mattes desk CAPTURES/desk [--archive FOLDER]
+    [--sheet FILE.png]                    a man whom two of four webcams cut off, with the board that he holds
+    python -m benchmarks.frames.mattes simulated [--seeds 9000 9001] [--sheet
     docs/measurements/mattes.png]           simulated people in a room
 
 Compared in pixels of frames/* (the hand's polygons are carried there exactly, lens and crop included; balance at 960
@@ -22,7 +24,6 @@ blazepose`).
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import shutil
 import tempfile
@@ -35,10 +36,10 @@ import cv2
 import numpy as np
 from rich.console import Console
 
+from benchmarks.frames.outlined import outlines
 from benchmarks.report import kept, publish, show
 from posegaussian.dags.config.settings import load_configuration
 from posegaussian.dags.importing.register import find_capture, register
-from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.runtime.executors.inline_run import run_here
@@ -46,26 +47,26 @@ from posegaussian.dags.runtime.threads import limit
 from posegaussian.dags.session.session import Session
 from posegaussian.dags.simulation.simulated_run import ARCHIVE, CAPTURE, NAME, film_capture, held_out_setting
 from posegaussian.stages.frames.segmentation_prior import Hints
-from posegaussian.stages.imaging.camera_mapping import frames_positions, switched
+from posegaussian.stages.registry import STAGES
 from posegaussian.stages.simulator.quality_scenes import benchmark_scene
 from posegaussian.stages.simulator.scene import Scene
 from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.model.masks import foreground
 from posegaussian.storage.readers.images import read_mask
 
-OUTLINES = Path(__file__).with_name("outlines") / "balance.json"
 LETTERBOX = "{scale: 1.00741, offset: [0, -7.06]}"
 BALANCE = ("frames.range=0:100:5", "frames.size=960", f"frames.crop={{cam01: {LETTERBOX}, cam02: {LETTERBOX}}}")
-STAGES = frozenset({"survey", "detection", "pose", "frames"})
+DESK = ("frames.range=0:24", "frames.size=960")
+_NAMES = [s.name for s in STAGES]
+FILMED = frozenset(_NAMES[: _NAMES.index("frames") + 1])
+"""Stages up to the mattes."""
 ROOM = {
     "ambient_occlusion": {},
     "cast_shadow": {},
     "background_room": {"side": 10.0},
     "sensor_noise": {"electrons": 6000},
 }
-LEAST = {"balance": 0.93, "given": 0.93, "simulated": 0.97}
-SUBPIXEL = 8
-"""Parts of a pixel's side in which polygons are filled."""
+LEAST = {"balance": 0.93, "given": 0.93, "desk": 0.8, "simulated": 0.97}
 
 
 def run(archive: str, name: str, layout: str, source: Path, settings: tuple[str, ...]) -> tuple[Results, float]:
@@ -75,7 +76,7 @@ def run(archive: str, name: str, layout: str, source: Path, settings: tuple[str,
     )
     own = session.configuration.for_sequence(name)
     register(Archive.open(archive, create=True), name, find_capture(layout, source, [], own), own)
-    selection = Selection(only=STAGES, force=frozenset({"frames"}))
+    selection = Selection(only=FILMED, force=frozenset({"frames"}))
     plan = session.plan(name, selection)
     seconds = sum(
         receipt.facts["cpu_seconds"] for task, receipt in run_here(plan, selection).items() if task.stage == "frames"
@@ -100,28 +101,6 @@ def hints(results: Results) -> dict[int, Hints]:
         )
         found[view] = Hints(inputs, context.settings.frames.hint_margin)
     return found
-
-
-def outlines(context: Context) -> dict[tuple[int, int], np.ndarray]:
-    """{(frame, view): coverage [h, w] uint8} of the hand's polygons in frames pixels."""
-    source_rig, crops = switched(context.capture.rig, context.captured_to_calibrated, context.facts)
-    given, numbers, out = json.loads(OUTLINES.read_text()), list(context.source_frames), {}
-    for v, name in enumerate(context.rig.names):
-        for number, shape in given.get(name, {}).items():
-            width, height = (int(n) for n in context.rig.size[v])
-            fine = np.zeros((height * SUBPIXEL, width * SUBPIXEL), np.uint8)
-            for polygons, value in ((shape["outer"], 255), (shape["holes"], 0)):
-                for polygon in polygons:
-                    at = frames_positions(
-                        np.array(polygon),
-                        context.rig.intrinsics[v],
-                        source_rig.intrinsics[v],
-                        source_rig.distortion[v],
-                        crops[v],
-                    )
-                    cv2.fillPoly(fine, [np.rint(16 * (SUBPIXEL * at - 0.5)).astype(np.int32)], value, shift=4)
-            out[numbers.index(int(number)), v] = cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA)
-    return out
 
 
 def overlap(found: np.ndarray, truth: np.ndarray) -> float:
@@ -221,7 +200,7 @@ def given(folder: Path, archive: str, file: Path | None) -> tuple[list[dict[str,
         del os.environ["POSEGAUSSIAN_MODELS"]
         if models is not None:
             os.environ["POSEGAUSSIAN_MODELS"] = models
-    truth = outlines(results.context)
+    truth = outlines(results.context, "balance")
     alone = [
         overlap(results.read("frames/mask", range(f, f + 1), v)[0, : t.shape[0], : t.shape[1]], t)
         for (f, v), t in truth.items()
@@ -240,10 +219,19 @@ def balance(folder: Path, archive: str, file: Path | None) -> tuple[list[dict[st
         for part in ("videos", "calibration.toml"):
             (Path(plain) / part).symlink_to(folder.resolve() / part)
         results, plate, spent = both(archive, "balance", "pose2sim", Path(plain), BALANCE)
-        truth = outlines(results.context)
+        truth = outlines(results.context, "balance")
         if file is not None:
             sheet([drawn(results, f, v, t) for (f, v), t in truth.items()], file)
         return list(rows("balance", results, plate, truth)), spent
+
+
+def desk(folder: Path, archive: str, file: Path | None) -> tuple[list[dict[str, Any]], dict[str, float]]:
+    """Rows of the outlined pictures."""
+    results, plate, spent = both(archive, "desk", "caliscope", folder, DESK)
+    truth = outlines(results.context, "desk")
+    if file is not None:
+        sheet([drawn(results, f, v, t) for (f, v), t in truth.items()], file)
+    return list(rows("desk", results, plate, truth)), spent
 
 
 def simulated(seed: int, folder: Path) -> tuple[list[dict[str, Any]], dict[str, float], list[np.ndarray]]:
@@ -282,7 +270,7 @@ def gates(kind: str, found: list[dict[str, Any]]) -> tuple[str, bool]:
 def main() -> int:
     """Exit status 1 where a gate is missed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("kind", choices=("balance", "given", "simulated"))
+    parser.add_argument("kind", choices=("balance", "given", "desk", "simulated"))
     parser.add_argument("folder", type=Path, nargs="?", default=Path("../shared/captures/balance"))
     parser.add_argument(
         "--archive", help="keep the archive of balance here, and use what is fresh of it but the frames"
@@ -294,7 +282,7 @@ def main() -> int:
     found: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory() as temporary:
         if arguments.kind != "simulated":
-            found, spent = {"balance": balance, "given": given}[arguments.kind](
+            found, spent = {"balance": balance, "given": given, "desk": desk}[arguments.kind](
                 arguments.folder, arguments.archive or f"{temporary}/archive", arguments.sheet
             )
         else:
@@ -307,7 +295,7 @@ def main() -> int:
             if arguments.sheet is not None:
                 sheet(pictures, arguments.sheet)
     sentence, holds = gates(arguments.kind, found)
-    captures = {"balance": "balance", "balance, given joints": "given"}
+    captures = {"balance": "balance", "balance, given joints": "given", "desk": "desk"}
     others = [r for r in kept("mattes") if captures.get(r["capture"], "simulated") != arguments.kind]
     show(found)
     publish("mattes", [*others, *found], {"least": LEAST}, shown=False)
