@@ -38,7 +38,7 @@ bench-%: $(STAMP)
 bench-effects: RUNS = simulator.effects_time ## What every effect of the simulator costs, and what leaving it out saves.
 bench-first-run: RUNS = pipeline.first_run ## What two workers compile on a first run, each on its own and waiting for one another.
 bench-frame: RUNS = pipeline.frame_time ## Where the seconds of a frame go, stage by stage: eight views of 512 and 1024 px, one thread.
-bench-mattes: RUNS = "frames.mattes simulated" "frames.mattes balance $(CAPTURES)/balance" "frames.mattes given $(CAPTURES)/balance" ## Mattes without given masks, of simulated people and of a capture outlined by hand (CAPTURES=FOLDER).
+bench-mattes: RUNS = "frames.mattes simulated" "frames.mattes balance $(CAPTURES)/balance" "frames.mattes given $(CAPTURES)/balance" "frames.mattes desk $(CAPTURES)/desk" ## Mattes without given masks, of simulated people and of two captures outlined by hand (CAPTURES=FOLDER).
 bench-motorcycle: RUNS = depth.motorcycle ## The offset sweep on a measured stereo pair, beside OpenCV.
 bench-network: RUNS = network.gain ## The trained network over the analytic floor, on simulated people.
 bench-network-time: RUNS = network.speed ## What the network costs for two views, by module, beside plain float32.

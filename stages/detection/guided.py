@@ -96,7 +96,7 @@ def _agrees(rig: Rig, view: int, seen: np.ndarray, joints3d: np.ndarray) -> bool
 
 def _region(space: Space, view: int, joints3d: np.ndarray) -> np.ndarray | None:
     """[4] region around the joints in space as the view captures them;
-    None where they are behind it or outside its picture."""
+    None where fewer than FEWEST of them lie in its picture."""
     pixels, depth = project(space.inputs.rig.subset([view]), joints3d[:, :3])
     captured = space.to_captured(pixels[:, 0], view)
     seen = (joints3d[:, 3] > 0) & (depth[:, 0] > NEAR) & np.isfinite(captured).all(axis=-1)

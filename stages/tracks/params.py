@@ -11,7 +11,8 @@ class TracksParams(Params):
 
     gap: float = setting(
         0.5,
-        "Longest time for which a person out of sight is looked for where they went; after it, by looks.",
+        "Longest time for which a person out of sight is looked for where they went; after it, by looks. Where frames"
+        " usually lie farther apart, 1.5 times as long as that.",
         unit="s",
         ge=0,
         le=30,
