@@ -112,7 +112,8 @@ def person_matte(
         odds = cv2.ximgproc.guidedFilter(shown, prior + color_odds(smooth, inside, side, against), radius, FLATNESS)
     out = np.zeros(picture.shape[:2], np.uint8)
     mask = _clean(odds > 0, prior > 0)
-    if known.hint is not None:
+    if known.hint is not None and plate is not None:
+        mask &= ~_ghosts(mask, hands[box] & (prior <= MAY_HOLD), shown, np.ascontiguousarray(plate[0][box]))
         mask |= _holes_in_things(mask, hands[box] & (prior <= 0))
     out[box] = _soft_edge(shown, mask)
     return out
@@ -218,6 +219,33 @@ def _clean(found: np.ndarray, foretold: np.ndarray) -> np.ndarray:
     filled = stats[:, cv2.CC_STAT_AREA] < SMALLEST_HOLE * mask.sum()
     filled[0] = False
     return mask | filled[labels]
+
+
+def _ghosts(mask: np.ndarray, told: np.ndarray, picture: np.ndarray, plate: np.ndarray) -> np.ndarray:
+    """[h, w] bool: parts of a mask [h, w] bool that the plate alone told of, `told` [h, w] bool, and whose rim is an
+    edge of the plate [h, w, 3] rather than of the picture [h, w, 3]: what stood there has gone and is in the plate.
+
+    On `balance` and `desk` the picture is 1.5 to 29 times as steep as the plate where the board ends, and 0.3 to 1.0
+    times where the plate kept the subject's own shoulder, hair or shorts, which were hardly ever out of the way.
+    """
+    count, labels = cv2.connectedComponents((mask & told).astype(np.uint8), connectivity=8)
+    rims = np.where(_beside(~mask), labels, 0)
+    rims = cv2.dilate(rims.astype(np.float32), np.ones((3, 3), np.uint8)).astype(np.int64)
+    shown, kept = (np.bincount(rims.ravel(), _steepness(a).ravel(), minlength=count) for a in (picture, plate))
+    ghosts = shown < kept
+    ghosts[0] = False
+    return np.asarray(ghosts[labels])
+
+
+def _beside(shape: np.ndarray) -> np.ndarray:
+    """[h, w] bool: a shape [h, w] bool and the pixels beside it."""
+    return cv2.dilate(shape.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+
+
+def _steepness(picture: np.ndarray) -> np.ndarray:
+    """[h, w] float32 slope of a picture [h, w, 3] of 0..255, all colours together, noise evened out."""
+    smooth = cv2.GaussianBlur(picture, (0, 0), 1.0).astype(np.float32)
+    return np.hypot(*(np.linalg.norm(cv2.Sobel(smooth, cv2.CV_32F, *d), axis=2) for d in ((1, 0), (0, 1))))
 
 
 def _holes_in_things(mask: np.ndarray, thing: np.ndarray) -> np.ndarray:

@@ -145,6 +145,18 @@ def test_what_is_held_belongs_to_the_person_where_a_plate_tells_it_from_what_is_
         assert found[board].mean() < 0.2
 
 
+def test_what_the_plate_kept_at_a_hand_and_is_gone_is_not_held() -> None:
+    person, walls = before_a_wall()
+    hand = person.joints2d[0, 0, COCO17.names.index("LWrist"), :2]
+    elbow = person.joints2d[0, 0, COCO17.names.index("LElbow"), :2]
+    there, plate = person.color[0, 0].copy(), walls[0].copy()
+    ghost = with_a_board(person, walls[0], hand + 15 * (hand - elbow) / np.linalg.norm(hand - elbow))
+    plate[ghost], person.color[0, 0] = person.color[0, 0][ghost], there
+    known = replace(hints_of(person, segmented(person), 0).known(0, 0), possible=None, confirmed=None)
+    assert ghost.sum() > 250
+    assert (cut(person, known, plate=plate)[ghost] > 127).mean() < 0.1
+
+
 def test_nothing_is_held_where_somebody_else_is_there() -> None:
     person, walls = before_a_wall()
     hand = person.joints2d[0, 0, COCO17.names.index("LWrist"), :2]
