@@ -140,7 +140,7 @@ def silhouettes_at(results: Results, frame: int) -> Silhouettes | None:
 def view_maps(results: Results, frame: int, view: int, silhouettes: Silhouettes | None) -> ViewMaps:
     """What rendering lifts Gaussians from, of one frame of a source view.
 
-    With silhouettes, a Gaussian outside their hull is moved into it along its own camera's ray: rendering takes it away
+    With silhouettes, a Gaussian outside their hull is moved into it along its own pixel's ray: rendering takes it away
     from every picture that shows it beside the person, and leaves it in those that show it before the person, where it
     would be a hole without it. One whose ray meets no hull is left out.
     """
@@ -152,13 +152,13 @@ def view_maps(results: Results, frame: int, view: int, silhouettes: Silhouettes 
     depth, scale, normal, opacity = (
         np.asarray(m)[..., :height, :width] for m in (maps.depth, maps.scale, maps.normal, maps.opacity)
     )
-    twist = None if maps.twist is None else np.asarray(maps.twist)[..., :height, :width]
+    twist, shift = (None if m is None else np.asarray(m)[..., :height, :width] for m in (maps.twist, maps.shift))
     focal = float(rig.intrinsics[view, [0, 1], [0, 1]].mean())
     if silhouettes is not None:
         moved = within(silhouettes, depth, rig, view)
         scale = scale * (moved / np.where(depth > 0, depth, 1))
         depth = moved
-    return ViewMaps(color, depth, scale, normal, opacity, twist, focal)
+    return ViewMaps(color, depth, scale, normal, opacity, twist, focal, shift)
 
 
 def _thumbnail(results: Results, frame: int, view: int) -> bytes:
@@ -227,7 +227,10 @@ def page_head(
             "scaleZero": coding.SCALE_ZERO,
             "opacitySteps": coding.OPACITY_STEPS,
             "turnSteps": coding.TURN_STEPS,
+            "shiftSteps": coding.SHIFT_STEPS,
+            "shiftZero": coding.SHIFT_ZERO,
             "turns": len(map_arrays(context.facts)) > 5,
+            "shifts": REFINEMENT in context.facts,
         },
         "cameras": cameras,
         "background": "#{:02x}{:02x}{:02x}".format(*backdrop.color) if backdrop.kind == "color" else BEHIND,

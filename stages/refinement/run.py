@@ -15,7 +15,7 @@ from posegaussian.stages.refinement.params import FEWEST, RefinementParams
 from posegaussian.stages.refinement.rehearsal import Rehearsal, begin, rehearse
 from posegaussian.stages.refinement.schedule import Schedule
 from posegaussian.stages.refinement.steps.optimise import Walk
-from posegaussian.stages.rendering.lift import GaussianMaps, Places, lift, twist_of
+from posegaussian.stages.rendering.lift import GaussianMaps, Places, lift
 from posegaussian.stages.rendering.sources import COUNTS, REFINED
 
 
@@ -87,7 +87,7 @@ def _outcome(frame: FrameGaussians, rehearsal: Rehearsal | None, rehearsed: bool
 def _arrays(listed: GaussianMaps) -> tuple[np.ndarray, ...]:
     """[n, ...] in the order of `REFINED`."""
     assert listed.places is not None, "Gaussians are written as lists"
-    channels = (np.asarray(a)[:, 0].T for a in (listed.scale, listed.normal, listed.opacity, twist_of(listed)))
+    channels = (a[:, 0].T for a in listed.channels())
     color, depth, pixel = (np.asarray(a)[0] for a in (listed.color, listed.depth, listed.places.pixel))
     return color, depth, *channels, pixel
 
@@ -104,7 +104,7 @@ def _nothing() -> GaussianMaps:
     """The list of a view that is no source."""
     three, two = (np.zeros((c, 1, 0), np.float16) for c in (3, 2))
     none = Places(np.zeros((1, 0), np.int32), 1)
-    return GaussianMaps(np.zeros((1, 0, 3), np.uint8), np.zeros((1, 0), np.float32), three, three, two, two, none)
+    return GaussianMaps(np.zeros((1, 0, 3), np.uint8), np.zeros((1, 0), np.float32), three, three, two, two, two, none)
 
 
 def check(block: Block, params: RefinementParams) -> list[str]:

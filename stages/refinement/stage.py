@@ -36,7 +36,7 @@ def unneeded(params: RefinementParams, facts: Facts) -> str | None:
 STAGE = Stage(
     name=REFINEMENT,
     summary="Optimise each frame's Gaussians on its source pictures through the renderer.",
-    version=15,
+    version=16,
     run="posegaussian.stages.refinement.run:run",
     check="posegaussian.stages.refinement.run:check",
     reads=(
@@ -94,6 +94,14 @@ STAGE = Stage(
             "float16",
             "1",
             "Cosine and sine of the turn about the normal, away from the tangents that follow from it.",
+            keep="until_done",
+        ),
+        ArraySpec(
+            "refinement/shift",
+            ("frame", "view", LISTED, "shift"),
+            "float16",
+            "px",
+            "How far right of the pixel's centre, and below it, the point lies that it is of.",
             keep="until_done",
         ),
         ArraySpec(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -40,19 +40,23 @@ class GaussianMaps:
     normal: Values  # [3, h, w] float16, camera axes
     opacity: Values  # [2, h, w] float16, face-on and grazing
     twist: Values | None = None  # [2, h, w] float16, cosine and sine of the turn about the normal; None: no turn
+    shift: Values | None = None  # [2, h, w] float16, px right of and below the pixel's centre; None: none
     places: Places | None = None  # of a list, h = 1; None: each Gaussian is of the pixel where it is in the maps
 
     def listed(self) -> GaussianMaps:
         """Those Gaussians alone that have depth and opacity, or what is no number, as a list; of arrays, with a
-        twist."""
+        twist and a shift."""
         depth, width = np.asarray(self.depth), np.shape(self.depth)[1]
         rows, columns = np.nonzero(~(depth <= 0) & ~(np.asarray(self.opacity)[0] <= 0))
-        scale, normal, opacity, twist = (
-            np.asarray(a)[:, None, rows, columns] for a in (self.scale, self.normal, self.opacity, twist_of(self))
-        )
+        scale, normal, opacity, twist, shift = (a[:, None, rows, columns] for a in self.channels())
         color, depth = np.asarray(self.color)[None, rows, columns], depth[None, rows, columns]
         places = Places((rows * width + columns).astype(np.int32)[None], width)
-        return GaussianMaps(color, depth, scale, normal, opacity, twist, places)
+        return GaussianMaps(color, depth, scale, normal, opacity, twist, shift, places)
+
+    def channels(self) -> tuple[np.ndarray, ...]:
+        """Scale, normal, opacity, twist and shift, of arrays; the last two of one's own."""
+        given = (np.asarray(a) for a in (self.scale, self.normal, self.opacity))
+        return (*given, twist_of(self), shift_of(self))
 
     def spread(self, height: int) -> GaussianMaps:
         """A list of arrays as maps of a picture so many pixels high, 0 where there is no Gaussian."""
@@ -65,18 +69,18 @@ class GaussianMaps:
             whole[..., rows, columns] = np.asarray(values)[..., 0, :]
             return whole
 
-        scale, normal, opacity, twist = (spread(a) for a in (self.scale, self.normal, self.opacity, twist_of(self)))
+        scale, normal, opacity, twist, shift = (spread(a) for a in self.channels())
         color = np.moveaxis(spread(np.moveaxis(np.asarray(self.color), 2, 0)), 0, 2)
-        return GaussianMaps(color, spread(self.depth), scale, normal, opacity, twist)
+        return GaussianMaps(color, spread(self.depth), scale, normal, opacity, twist, shift)
 
 
 def from_list(arrays: Sequence[np.ndarray], rig: Rig) -> GaussianMaps:
     """The Gaussians of one frame of a view that the archive holds as a list: [n, ...] in the order of
     `posegaussian.stages.rendering.sources.REFINED`, of cameras `rig`."""
     color, depth, *channels, pixel = arrays
-    scale, normal, opacity, twist = (a.T[:, None] for a in channels)
     places = Places(pixel[None], int(rig.size[:, 0].max()))
-    return GaussianMaps(color[None], depth[None], scale, normal, opacity, twist, places)
+    scale, normal, opacity, twist, shift = (a.T[:, None] for a in channels)
+    return GaussianMaps(color[None], depth[None], scale, normal, opacity, twist, shift, places)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,8 +129,10 @@ class Pixels:
     pixel: torch.Tensor  # [N]
     """Row times the picture's width, and column: of maps that are no list the same."""
     x: torch.Tensor  # [N]
-    """Of the ray through the pixel's centre at unit depth, camera axes."""
+    """Of the ray through the pixel's centre, or as far beside it as it is shifted, at unit depth, camera axes."""
     y: torch.Tensor  # [N]
+    pitch: tuple[float, float, float]
+    """Of x by a pixel to the right and by one down, of y by one down."""
     pose: Pose
     """World to camera, 4 x 4."""
     masked: int
@@ -140,9 +146,10 @@ class Pixels:
         intrinsics: np.ndarray,
         world_to_camera: np.ndarray,
         places: Places | None = None,
+        shift: Values | None = None,
     ) -> Pixels:
         """Those with depth [h, w] m, finite and in front of the camera, and some opacity [h, w], of whatever dtype.
-        intrinsics [3, 3] px in our pixel centres; world_to_camera [4, 4]; `places`: of a list."""
+        intrinsics [3, 3] px in our pixel centres; world_to_camera [4, 4]; `places`: of a list; shift [2, h, w] px."""
         index = torch.nonzero((positive(depth) & positive(face_on)).reshape(-1))[:, 0]
         finite = torch.isfinite(depth.detach().reshape(-1)[index])
         # Not a number is in no relation to 0, and counted where the other of the two is there or is none either.
@@ -154,7 +161,14 @@ class Pixels:
         k, centre = intrinsics.tolist(), float(points_from_integer_centres(np.zeros(())))
         y = (rows.to(depth.dtype) + (centre - k[1][2])) / k[1][1]
         x = (columns.to(depth.dtype) + (centre - k[0][2]) - k[0][1] * y) / k[0][0]
-        return cls(index, pixel, x, y, world_to_camera.tolist(), masked)
+        pitch = (1 / k[0][0], -k[0][1] / (k[0][0] * k[1][1]), 1 / k[1][1])
+        centred = cls(index, pixel, x, y, pitch, world_to_camera.tolist(), masked)
+        return centred if shift is None else centred._shifted(*centred.at(shift))
+
+    def _shifted(self, right: torch.Tensor, down: torch.Tensor) -> Pixels:
+        """Rays that pass so many px [N] beside where these do."""
+        by_right, slant, by_down = self.pitch
+        return replace(self, x=self.x + by_right * right + slant * down, y=self.y + by_down * down)
 
     def __len__(self) -> int:
         return len(self.x)
@@ -180,7 +194,7 @@ class Pixels:
     ) -> Lifted:
         """Gaussians of values at the pixels: depth [N] m, normal [3, N] of any length in camera axes, scale [N, 3] m,
         faces [N, 2], color [N, 3], twist [2, N] of any length."""
-        given = (depth, normal) if twist is None else (depth, normal, twist)
+        given = (self.x, self.y, depth, normal, *(() if twist is None else (twist,)))
         if all(a.device.type == "cpu" and not a.requires_grad for a in given):
             return Lifted(*self._placed(depth, normal, twist), scale, faces, color, self.masked)
         axis = _unit(*normal)
@@ -208,14 +222,14 @@ def lift(
 ) -> Lifted:
     """One Gaussian for every pixel, or entry of a list, that has depth and opacity, differentiable in the maps.
 
-    Position: depth times the ray through the pixel's centre. Orientation: the normal and the tangents that follow from
-    it, turned by the twist where there is one. intrinsics [3, 3] px in our pixel centres; world_to_camera [4, 4].
-    Pixels whose depth is not finite, or whose opacity is no number, make no Gaussian and are counted; the rasterizer
-    masks what else is not finite. Nothing but sums, products, quotients and square roots of single elements is taken,
-    so the result does not depend on the number of threads.
+    Position: depth times the ray through the pixel's centre, or so many px beside it as there is a shift. Orientation:
+    the normal and the tangents that follow from it, turned by the twist where there is one. intrinsics [3, 3] px in our
+    pixel centres; world_to_camera [4, 4]. Pixels whose depth is not finite, or whose opacity is no number, make no
+    Gaussian and are counted; the rasterizer masks what else is not finite. Nothing but sums, products, quotients and
+    square roots of single elements is taken, so the result does not depend on the number of threads.
     """
     depth, opacity = torch.as_tensor(maps.depth).to(device, dtype), torch.as_tensor(maps.opacity).to(device)
-    pixels = Pixels.of(depth, opacity[0], intrinsics, world_to_camera, maps.places)
+    pixels = Pixels.of(depth, opacity[0], intrinsics, world_to_camera, maps.places, maps.shift)
     (z,) = pixels.at(depth[None])
     return pixels.lift(
         z,
@@ -234,6 +248,11 @@ def twist_of(maps: GaussianMaps) -> np.ndarray:
     twist = np.zeros((2, *np.shape(maps.depth)), np.float16)
     twist[0] = 1
     return twist
+
+
+def shift_of(maps: GaussianMaps) -> np.ndarray:
+    """[2, h, w] float16 of one's own: the maps' shift; 0 where they have none."""
+    return np.zeros((2, *np.shape(maps.depth)), np.float16) if maps.shift is None else np.array(maps.shift)
 
 
 def positive(values: torch.Tensor) -> torch.Tensor:

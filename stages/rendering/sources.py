@@ -22,9 +22,10 @@ REFINED = (
     "refinement/rotation",
     "refinement/opacity",
     "refinement/twist",
+    "refinement/shift",
     "refinement/pixel",
 )
-"""What they are lifted from after refinement, which gives all of them a twist: lists, not maps."""
+"""What they are lifted from after refinement, which turns and shifts all of them: lists, not maps."""
 COUNTS = "refinement/count"
 """[F, V] how many entries of the lists are used."""
 OUTCOME = "refinement/outcome"

@@ -38,9 +38,9 @@ def needs(shape: Shape, params: RenderingParams) -> Resources:
         + shape["camera_y"] * shape["camera_x"] * 20 * wide
     )
     detail = pixels * shape["view"] * 20 + shape["camera_y"] * shape["camera_x"] * 200
-    # 21 bytes a pixel before refinement, 25 where there is a twist; of the refined 27 a Gaussian and 4 for its place.
+    # 21 bytes a pixel before refinement, 25 where there is a twist; of the refined 31 a Gaussian and 4 for its place.
     maps_and_output = shape["frame"] * (
-        pixels * shape["view"] * (25 + 31 / 4) + shape["camera"] * shape["camera_y"] * shape["camera_x"] * 4
+        pixels * shape["view"] * (25 + 35 / 4) + shape["camera"] * shape["camera_y"] * shape["camera_x"] * 4
     )
     return Resources(
         cpu=1,

@@ -24,6 +24,7 @@ FIXED_DIMS = {
     "axis": 3,
     "faces": 2,
     "turn": 2,
+    "shift": 2,
     "one": 1,
     "coco17": 17,
     "motion": 3,

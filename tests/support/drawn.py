@@ -23,7 +23,7 @@ from tests.support.browser import Browser, decoded
 def lifted(results: Results, frame: int, view: int) -> Lifted:
     """The Gaussians of one frame of a source view."""
     rig, m = results.context.rig, view_maps(results, frame, view, silhouettes_at(results, frame))
-    maps = GaussianMaps(m.color, m.depth, m.scale, m.normal, m.opacity, m.twist)
+    maps = GaussianMaps(m.color, m.depth, m.scale, m.normal, m.opacity, m.twist, m.shift)
     return lift(maps, rig.intrinsics[view], rig.world_to_camera[view], torch.float32, torch.device("cpu"))
 
 

@@ -18,7 +18,7 @@ def as_maps(out: Mapping[str, np.ndarray], rig: Rig) -> dict[str, np.ndarray]:
     for i, own in enumerate(out[COUNTS]):
         for v, n in enumerate(own):
             maps = from_list([out[name][i, v, :n] for name in REFINED], rig).spread(height)
-            found.append([maps.color, maps.depth, maps.scale, maps.normal, maps.opacity, maps.twist])
+            found.append([maps.color, maps.depth, *maps.channels()])
     frames = out[COUNTS].shape
     return {
         name: np.stack(arrays).reshape(*frames, *arrays[0].shape)

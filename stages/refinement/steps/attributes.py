@@ -15,12 +15,12 @@ from posegaussian.stages.refinement.steps.lifting import Rays
 from posegaussian.stages.rendering.lift import GaussianMaps, Pixels, Places, twist_of
 from posegaussian.stages.splatting.definition.scene import Gaussians
 
-CHANNELS = {"color": 3, "scale": 3, "rotation": 3, "opacity": 1, "depth": 1, "twist": 1}
+CHANNELS = {"color": 3, "scale": 3, "rotation": 3, "opacity": 1, "depth": 1, "twist": 1, "shift": 2}
 """Attributes and their channels: sRGB, log of metres, components of the normal, logit, pixel footprints z/f, tangent of
-the turn about the normal."""
+the turn about the normal, px to the right and down in the picture that it is of."""
 OPACITIES = (1e-3, 1 - 1e-4)
 """Bounds of an opacity, so that its logit is finite."""
-FARTHEST = {"scale": float(np.log(8)), "rotation": 1.0, "opacity": 8.0, "depth": 64.0, "twist": 2.0}
+FARTHEST = {"scale": float(np.log(8)), "rotation": 1.0, "opacity": 8.0, "depth": 64.0, "twist": 2.0, "shift": 3.0}
 """Bounds of an offset to both sides: a Gaussian grows and shrinks to an eighth, a normal turns by 45 degrees, what lies
 along a tangent by 63."""
 NEAREST = 0.5
@@ -49,7 +49,7 @@ class ViewGaussians:
     def of(cls, maps: GaussianMaps, intrinsics: np.ndarray, world_to_camera: np.ndarray) -> ViewGaussians:
         """`maps` as the archive holds them; intrinsics [3, 3] px in our pixel centres; world_to_camera [4, 4]."""
         depth, opacity = (torch.as_tensor(np.asarray(m, np.float32)) for m in (maps.depth, maps.opacity))
-        pixels = Pixels.of(depth, opacity[0], intrinsics, world_to_camera)
+        pixels = Pixels.of(depth, opacity[0], intrinsics, world_to_camera, shift=maps.shift)
         z = pixels.at(depth[None])[0].numpy()[None]
         focal = float(intrinsics[0, 0] + intrinsics[1, 1]) / 2
         scale, normal, faces = (
@@ -76,25 +76,24 @@ class ViewGaussians:
         (normals, length), (turns, _) = (_unit(values[name]) for name in ("rotation", "twist"))
         good = np.all([np.isfinite(v).all(axis=0) for v in values.values()], axis=0) & (length > 0)
         g = self._listed()
-        color, depth, scale, normal, opacity = (np.array(m) for m in (g.color, g.depth, g.scale, g.normal, g.opacity))
+        color, depth = np.array(g.color), np.array(g.depth)
+        scale, normal, opacity, twist, shift = (np.array(a) for a in g.channels())
         color[0, good] = np.rint(values["color"][:, good].T * 255).clip(0, 255)
         depth[0, good] = values["depth"][0, good]
         scale[:, 0, good] = values["scale"][:, good]
-        twist = twist_of(g)
         normal[:, 0, good] = normals[:, good]
         opacity[:, 0, good] = values["opacity"][:, good]
         twist[:, 0, good] = turns[:, good]
-        return GaussianMaps(color, depth, scale, normal, opacity, twist, g.places)
+        shift[:, 0, good] += values["shift"][:, good]
+        return GaussianMaps(color, depth, scale, normal, opacity, twist, shift, g.places)
 
     def _listed(self) -> GaussianMaps:
         """As they are given."""
         g, at = self.given, self.pixels.index.numpy()
-        scale, normal, opacity, twist = (
-            np.asarray(m).reshape(len(m), 1, -1)[..., at] for m in (g.scale, g.normal, g.opacity, twist_of(g))
-        )
+        scale, normal, opacity, twist, shift = (a.reshape(len(a), 1, -1)[..., at] for a in g.channels())
         color, depth = np.asarray(g.color).reshape(1, -1, 3)[:, at], np.asarray(g.depth).reshape(1, -1)[:, at]
         places = Places(self.pixels.pixel.numpy().astype(np.int32)[None], np.shape(g.depth)[1])
-        return GaussianMaps(color, depth, scale, normal, opacity, twist, places)
+        return GaussianMaps(color, depth, scale, normal, opacity, twist, shift, places)
 
 
 class SharedGaussians:
@@ -128,7 +127,7 @@ class SharedGaussians:
         they are until the next are made."""
         v = self._values()
         self._made = v
-        mean, rotation = self.rays.lifted(v["depth"][0], v["rotation"], v["twist"])
+        mean, rotation = self.rays.lifted(v["depth"][0], v["rotation"], v["twist"], v["shift"])
         scale, color = (np.ascontiguousarray(v[name].T) for name in ("scale", "color"))
         made = (mean, rotation, scale, v["opacity"][0], color)
         return Gaussians(*(torch.from_numpy(a).requires_grad_() for a in made))
@@ -144,7 +143,9 @@ class SharedGaussians:
         v, (cosine, sine) = self._made, self.twist
         mean, rotation, scale, opacity, color = (_gradient(t) for t in vars(gaussians).values())
         scale, color = (np.ascontiguousarray(slope.T) for slope in (scale, color))
-        by_depth, by_normal, by_twist = self.rays.slopes(v["rotation"], v["twist"], mean, rotation)
+        by_depth, by_normal, by_twist, by_shift = self.rays.slopes(
+            v["depth"][0], v["rotation"], v["twist"], v["shift"], mean, rotation
+        )
         p = v["opacity"]
         return {
             "color": color,
@@ -153,11 +154,12 @@ class SharedGaussians:
             "opacity": opacity[None] * p * (1 - p),
             "depth": by_depth[None] * self.footprint,
             "twist": (by_twist[1] * cosine - by_twist[0] * sine)[None],
+            "shift": by_shift,
         }
 
     def _values(self) -> dict[str, np.ndarray]:
         """{attribute: [C, N]}: colour in sRGB, scale and depth in m, opacity 0..1, a normal and a turn
-        of any length."""
+        of any length, a shift in px."""
         o, b, (cosine, sine) = self.offsets, self.base, self.twist
         return {
             "color": b["color"] + o["color"],
@@ -166,6 +168,7 @@ class SharedGaussians:
             "opacity": 1 / (1 + np.exp(-(b["opacity"] + o["opacity"]))),
             "depth": b["depth"] + o["depth"] * self.footprint,
             "twist": np.stack([cosine - o["twist"][0] * sine, sine + o["twist"][0] * cosine]),
+            "shift": o["shift"],
         }
 
     def confine(self) -> None:

@@ -12,17 +12,18 @@ from posegaussian.stages.refinement.steps.attributes import CHANNELS
 
 BLOCK = 128
 """Lanes of a program."""
-COLOR, SCALE, NORMAL, OPACITY, DEPTH, TWIST = accumulate(list(CHANNELS.values())[:-1], initial=0)
-"""First rows of the offsets [12, N] and, but for the turn, of what they are added to [11, N]."""
+COLOR, SCALE, NORMAL, OPACITY, DEPTH, TWIST, SHIFT = accumulate(list(CHANNELS.values())[:-1], initial=0)
+"""First rows of the offsets [14, N] and, but for turn and shift, of what they are added to [11, N]."""
 _BLOCK = tl.constexpr(BLOCK)
 _COLOR, _SCALE, _NORMAL, _OPACITY = (tl.constexpr(n) for n in (COLOR, SCALE, NORMAL, OPACITY))
-_DEPTH, _TWIST = tl.constexpr(DEPTH), tl.constexpr(TWIST)
+_DEPTH, _TWIST, _SHIFT = (tl.constexpr(n) for n in (DEPTH, TWIST, SHIFT))
 
 
 @triton.jit
-def lifted(offsets, base, footprint, twist, rays, views, poses, mean, rotation, scale, opacity, color, n):
-    """Write means [N, 3], axes [N, 3, 3], scales [N, 3], opacities [N] and colours [N, 3] of offsets [12, N] from base
-    [11, N], footprints [N] and turns [2, N]; rays [2, N] at unit depth, views [N] and their poses [V, 3, 4]."""
+def lifted(offsets, base, footprint, twist, rays, views, poses, pitch, mean, rotation, scale, opacity, color, n):
+    """Write means [N, 3], axes [N, 3, 3], scales [N, 3], opacities [N] and colours [N, 3] of offsets [14, N] from base
+    [11, N], footprints [N] and turns [2, N]; rays [2, N] at unit depth, views [N], their poses [V, 3, 4] and what a px
+    is of their rays [V, 3]."""
     at = tl.program_id(0) * _BLOCK + tl.arange(0, _BLOCK)
     listed = at < n
     pose = poses + tl.load(views + at, mask=listed, other=0) * 12
@@ -32,8 +33,9 @@ def lifted(offsets, base, footprint, twist, rays, views, poses, mean, rotation, 
     k, xy = _across(nx, ny, nz)
     ax, ay, az = 1.0 - k * nx * nx, -xy, nx  # the tangents that follow from the normal
     bx, by, bz = xy, k * ny * ny - 1.0, -ny
-    px = tl.load(rays + at, mask=listed, other=0.0) * z - tl.load(pose + 3, mask=listed, other=0.0)
-    py = tl.load(rays + n + at, mask=listed, other=0.0) * z - tl.load(pose + 7, mask=listed, other=0.0)
+    x, y, _, _, _ = _ray(offsets, rays, views, pitch, n, at, listed)
+    px = x * z - tl.load(pose + 3, mask=listed, other=0.0)
+    py = y * z - tl.load(pose + 7, mask=listed, other=0.0)
     pz = z - tl.load(pose + 11, mask=listed, other=0.0)
     _to_world(pose, px, py, pz, mean + 3 * at, 1, listed)
     _to_world(pose, c * ax + s * bx, c * ay + s * by, c * az + s * bz, rotation + 9 * at, 3, listed)
@@ -49,16 +51,20 @@ def lifted(offsets, base, footprint, twist, rays, views, poses, mean, rotation, 
 
 @triton.jit
 def slopes_of(
-    offsets, base, footprint, twist, rays, views, poses, by_mean, by_rotation, by_scale, by_opacity, by_color, out, n
-):
-    """Write the slopes [12, N] by the offsets, of slopes by what `lifted` writes. What has no length has no slope."""
+    offsets, base, footprint, twist, rays, views, poses, pitch,
+    by_mean, by_rotation, by_scale, by_opacity, by_color, out, n,
+):  # fmt: skip
+    """Write the slopes [14, N] by the offsets, of slopes by what `lifted` writes. What has no length has no slope."""
     at = tl.program_id(0) * _BLOCK + tl.arange(0, _BLOCK)
     listed = at < n
     pose = poses + tl.load(views + at, mask=listed, other=0) * 12
     mx, my, mz = _to_camera(pose, by_mean + 3 * at, 1, listed)
-    x, y = tl.load(rays + at, mask=listed, other=0.0), tl.load(rays + n + at, mask=listed, other=0.0)
+    x, y, by_right, slant, by_down = _ray(offsets, rays, views, pitch, n, at, listed)
     tall = tl.load(footprint + at, mask=listed, other=0.0)
     tl.store(out + _DEPTH * n + at, (x * mx + y * my + mz) * tall, mask=listed)
+    z = _value(offsets, base, _DEPTH, n, at, listed, tall)
+    tl.store(out + _SHIFT * n + at, z * by_right * mx, mask=listed)
+    tl.store(out + (_SHIFT + 1) * n + at, z * (slant * mx + by_down * my), mask=listed)
 
     nx, ny, nz, long = _normal(offsets, base, n, at, listed)
     c, s, turned = _turn(offsets, twist, n, at, listed)
@@ -100,8 +106,8 @@ def slopes_of(
 
 @triton.jit
 def adam(values, slopes, mean, square, rates, lower, upper, masked, shorter, unbiased, nearer, larger, n, total):
-    """Move values [12, N] within their bounds against slopes, and the running means of these and of their squares, all
-    in place: by rates [12] times `shorter`. Slopes that are not finite count as 0, and one more each in `masked`."""
+    """Move values [14, N] within their bounds against slopes, and the running means of these and of their squares, all
+    in place: by rates [14] times `shorter`. Slopes that are not finite count as 0, and one more each in `masked`."""
     at = tl.program_id(0) * _BLOCK + tl.arange(0, _BLOCK)
     listed = at < total
     g = tl.load(slopes + at, mask=listed, other=0.0)
@@ -129,6 +135,19 @@ def _value(offsets, base, row, n, at, listed, unit):
     """A row's values, its offsets in so many of their units."""
     offset = tl.load(offsets + row * n + at, mask=listed, other=0.0)
     return tl.load(base + row * n + at, mask=listed, other=0.0) + offset * unit
+
+
+@triton.jit
+def _ray(offsets, rays, views, pitch, n, at, listed):
+    """Where rays that are shifted by their offsets are at unit depth, x and y, and what a px is of them."""
+    own = pitch + tl.load(views + at, mask=listed, other=0) * 3
+    by_right, slant = tl.load(own, mask=listed, other=0.0), tl.load(own + 1, mask=listed, other=0.0)
+    by_down = tl.load(own + 2, mask=listed, other=0.0)
+    right = tl.load(offsets + _SHIFT * n + at, mask=listed, other=0.0)
+    down = tl.load(offsets + (_SHIFT + 1) * n + at, mask=listed, other=0.0)
+    x = tl.load(rays + at, mask=listed, other=0.0) + by_right * right + slant * down
+    y = tl.load(rays + n + at, mask=listed, other=0.0) + by_down * down
+    return x, y, by_right, slant, by_down
 
 
 @triton.jit

@@ -22,7 +22,7 @@ from posegaussian.stages.splatting.definition.scene import Gaussians
 from posegaussian.stages.splatting.rasterizer import rasterize
 
 ROWS = list(CHANNELS.values())
-"""Of the offsets [12, N], attribute by attribute."""
+"""Of the offsets [14, N], attribute by attribute."""
 
 
 class DeviceGaussians:
@@ -32,7 +32,7 @@ class DeviceGaussians:
         rays = shared.rays
         view = np.repeat(np.arange(len(rays.poses), dtype=np.int32), np.diff(rays.starts))
         base = np.concatenate([shared.base[name] for name in CHANNELS if name in shared.base])
-        given = base, shared.footprint, shared.twist, np.stack([rays.x, rays.y]), view, rays.poses
+        given = base, shared.footprint, shared.twist, np.stack([rays.x, rays.y]), view, rays.poses, rays.pitch
         self.held = [torch.from_numpy(np.ascontiguousarray(a)).to(device) for a in given]
         self.grid = (triton.cdiv(len(shared), BLOCK),)
 
@@ -44,7 +44,7 @@ class DeviceGaussians:
         return Gaussians(*(t.requires_grad_() for t in (mean, rotation, scale, opacity, color)))
 
     def slopes(self, offsets: torch.Tensor, gaussians: Gaussians) -> torch.Tensor:
-        """[12, N] what the gradients of `gaussians`, made of these offsets, are by the offsets."""
+        """[14, N] what the gradients of `gaussians`, made of these offsets, are by the offsets."""
         out = torch.empty_like(offsets)
         by = [torch.zeros_like(t) if t.grad is None else t.grad.contiguous() for t in vars(gaussians).values()]
         device_lifting.slopes_of[self.grid](offsets, *self.held, *by, out, offsets.shape[1])
@@ -73,7 +73,7 @@ class DeviceWalk(Walk):
         self.not_finite = torch.zeros((), dtype=torch.int32, device=device)
 
     def _rows(self, values: Sequence[np.ndarray | float]) -> torch.Tensor:
-        """[12, N] of a value or [C, N] of each attribute."""
+        """[14, N] of a value or [C, N] of each attribute."""
         shapes = [a.shape for a in self.gaussians.offsets.values()]
         parts = [np.broadcast_to(v, shape) for v, shape in zip(values, shapes, strict=True)]
         return torch.from_numpy(np.concatenate(parts).astype(np.float32))

@@ -9,12 +9,15 @@ import numpy as np
 from posegaussian.stages.imaging.small_turns import following, turned
 from posegaussian.stages.refinement.steps.attributes import ViewGaussians
 from posegaussian.stages.refinement.steps.loss import Filmed
-from posegaussian.stages.refinement.steps.optimise import MEAN, NEWEST, SQUARE, HostWalk, move
+from posegaussian.stages.refinement.steps.optimise import MEAN, NEWEST, RATES, SQUARE, HostWalk, move
 from posegaussian.stages.splatting.definition.scene import Camera
 from posegaussian.storage.model.cameras import Rig
 
 STEPS = 40
 """Of every frame."""
+BESIDE = RATES | {"scale": 0.03, "depth": 0.4, "shift": 0.0}
+"""Rates of the Gaussians beside the cameras: all of a view's shifted alike would be its camera turned, and what turns
+gain was measured with these."""
 RATE = 0.1
 """Px by which a camera's first move turns its picture."""
 
@@ -59,7 +62,7 @@ class TurningWalk(HostWalk):
         order: Sequence[int],
         cameras: TurnedCameras,
     ) -> None:
-        super().__init__(gaussians, filmed, order)
+        super().__init__(gaussians, filmed, order, BESIDE)
         self.order, self.cameras = order, cameras
 
     def _learn(self, picture: int, slower: float) -> None:

@@ -56,11 +56,11 @@ function unfold(head, present, low, high) {
 }
 
 // The pictures of every view, each [crop], as one array a view in the order of PLANES in maps.py.
-function picturesOf(bytes, heads, turns) {
+function picturesOf(bytes, heads, { turns, shifts }) {
   let at = heads.length * HEAD_BYTES;
   const take = (n) => bytes.subarray(at, (at += n));
   const present = heads.map((h) => take(Math.ceil((h.width * h.height) / 8)));
-  const planes = Array.from({ length: turns ? 13 : 12 }, () => heads.map((h) => take(h.count)));
+  const planes = Array.from({ length: 12 + (turns ? 1 : 0) + (shifts ? 2 : 0) }, () => heads.map((h) => take(h.count)));
   return heads.map((head, v) => ({
     present: present[v],
     planes: [
@@ -91,14 +91,17 @@ const signed = (value) => Math.round(value * 32767) & 65535;
 function lift(out, n, v, head, { present, planes }, view, coding) {
   const [fx, skew, cx, fy, cy] = view.lens, focal = (fx + fy) / 2, pose = view.pose;
   const [qw, qx, qy, qz] = towardsWorld(pose), { mean, views, data } = out;
-  const [depth, nx, ny, s0, s1, s2, green, red, blue, face, grazing, turn] = planes;
+  const [depth, nx, ny, s0, s1, s2, green, red, blue, face, grazing] = planes;
+  const turn = coding.turns && planes[11], [right, down] = coding.shifts ? planes.slice(-2) : [];
+  const beside = (plane, i) => 0.5 + (plane ? (plane[i] - coding.shiftZero) / coding.shiftSteps : 0);
   const lengths = (code, z) => Math.round(((code - coding.scaleZero) / coding.scaleSteps + z) * 1024) + 32768;
   const opaque = Array.from({ length: coding.opacitySteps + 1 }, (_, k) => Math.round((k * 255) / coding.opacitySteps));
   for (let y = 0, i = 0; y < head.height; y++) {
     for (let x = 0; x < head.width; x++, i++) {
       if (!(present[i >> 3] & (128 >> (i & 7)))) continue;
       const z = head.nearest * Math.exp(depth[i] * head.step);
-      const ry = (head.top + y + 0.5 - cy) / fy, rx = (head.left + x + 0.5 - cx - skew * ry) / fx;
+      const ry = (head.top + y + beside(down, i) - cy) / fy;
+      const rx = (head.left + x + beside(right, i) - cx - skew * ry) / fx;
       const px = rx * z - pose[3], py = ry * z - pose[7], pz = z - pose[11];
       for (let k = 0; k < 3; k++) mean[3 * n + k] = pose[k] * px + pose[4 + k] * py + pose[8 + k] * pz;
       views[n] = v;
@@ -144,7 +147,7 @@ async function decoded(base64, head) {
   const out = {
     count, mean: new Float32Array(3 * count), views: new Uint8Array(count), data: new Uint32Array(rows * ROW * WORDS),
   };
-  const pictures = picturesOf(bytes, heads, head.coding.turns);
+  const pictures = picturesOf(bytes, heads, head.coding);
   pictures.reduce((n, p, v) => lift(out, n, v, heads[v], p, head.views[v], head.coding), 0);
   return out;
 }

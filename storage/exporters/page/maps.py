@@ -28,14 +28,17 @@ OPACITY_STEPS = 31
 """Steps of an opacity: 255 cost 0.6 bytes and bring nothing."""
 TURN_STEPS = 256
 """Steps of a full turn about the normal."""
+SHIFT_STEPS, SHIFT_ZERO = 8, 128
+"""Steps of a shift in a pixel, and the number of none: half a step is a sixteenth of a pixel, as it is of depth."""
 HEAD = struct.Struct("<4HffI")
 """Of a view: left, top, width, height of the crop in px; depth of step 0 in metres; a step, in the natural logarithm
 of depth; number of Gaussians."""
 PLANES = (
     "depth_low", "depth_high", "normal_x", "normal_y", "scale_0", "scale_1", "scale_2", "green", "red", "blue",
-    "face_on", "grazing", "turn",
+    "face_on", "grazing", "turn", "right", "down",
 )  # fmt: skip
-"""Pictures of a view, in the order of the file, a byte a Gaussian each; `turn` only where there is a twist."""
+"""Pictures of a view, in the order of the file, a byte a Gaussian each; `turn` only where there is a twist, `right` and
+`down` where there is a shift."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +59,8 @@ class ViewMaps:
     """[2, h, w] cosine and sine of the turn about the normal; None: no turn."""
     focal: float
     """Mean focal length, px: a pixel is depth / focal wide."""
+    shift: np.ndarray | None = None
+    """[2, h, w] px right of and below the pixel's centre; None: none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,13 +103,14 @@ def coded(maps: ViewMaps) -> CodedView:
 
 
 def _names(maps: ViewMaps) -> tuple[str, ...]:
-    return PLANES if maps.twist is not None else PLANES[:-1]
+    absent = {"turn": maps.twist is None, "right": maps.shift is None, "down": maps.shift is None}
+    return tuple(name for name in PLANES if not absent.get(name))
 
 
 def present(maps: ViewMaps) -> np.ndarray:
     """[h, w] bool: the pixels that are Gaussians."""
-    given = [maps.depth[None], maps.scale, maps.normal, maps.opacity]
-    sane = np.isfinite(np.concatenate([*given, *([] if maps.twist is None else [maps.twist])])).all(axis=0)
+    given = [maps.depth[None], maps.scale, maps.normal, maps.opacity, maps.twist, maps.shift]
+    sane = np.isfinite(np.concatenate([a for a in given if a is not None])).all(axis=0)
     return sane & (maps.depth > 0) & (maps.opacity[0] > 0)
 
 
@@ -124,6 +130,9 @@ def _shown(maps: ViewMaps, crop: tuple[slice, slice], depth: np.ndarray) -> list
     if maps.twist is not None:
         cosine, sine = _finite(maps.twist[:, *crop])
         planes.append(np.rint(np.arctan2(sine, cosine) / (2 * np.pi) * TURN_STEPS).astype(np.int64) & 255)
+    if maps.shift is not None:
+        steps = np.rint(_finite(maps.shift[:, *crop]) * SHIFT_STEPS) + SHIFT_ZERO
+        planes.extend(np.clip(steps, 0, 255).astype(np.int64))
     return planes
 
 

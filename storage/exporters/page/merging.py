@@ -38,6 +38,7 @@ def merged(maps: ViewMaps, side: int) -> ViewMaps:
         opacity.sum(axis=-1) * shown,
         None if maps.twist is None else mean(maps.twist),
         maps.focal / side,
+        None if maps.shift is None else mean(maps.shift) / side,
     )
 
 

@@ -163,9 +163,12 @@ def test_source_pictures_background_and_information(opened: Browser, made: Made)
     silent(opened)
 
 
-def test_gaussians_are_lifted_as_rendering_lifts_them(browser: Browser, made: Made, tmp_path: Path) -> None:
-    """With a twist, a skewed lens and a rolled camera."""
-    given = maps(twist=True)
+@pytest.mark.parametrize("shift", [False, True])
+def test_gaussians_are_lifted_as_rendering_lifts_them(
+    browser: Browser, made: Made, tmp_path: Path, shift: bool
+) -> None:
+    """With a twist, with and without a shift, a skewed lens and a rolled camera."""
+    given = maps(twist=True, shift=shift)
     assert given.twist is not None
     k, roll = np.array([[39.0, 2.5, 14.0], [0, 41.0, 12.5], [0, 0, 1]]), 2.5
     turn = np.array([[np.cos(roll), -np.sin(roll), 0], [np.sin(roll), np.cos(roll), 0], [0, 0, 1]])
@@ -178,7 +181,7 @@ def test_gaussians_are_lifted_as_rendering_lifts_them(browser: Browser, made: Ma
         "frames": [0],
         "steps": 1,
         "usable": [[True]],
-        "coding": {**head["coding"], "turns": True},
+        "coding": {**head["coding"], "turns": True, "shifts": shift},
     }
     head["cameras"] = [{**view, "group": "", "lens": [lens], "pose": [view["pose"]]}]
     write_page(tmp_path / "a.html", "a", [([coded(given)], [b""])], lambda: head)
@@ -187,12 +190,14 @@ def test_gaussians_are_lifted_as_rendering_lifts_them(browser: Browser, made: Ma
         "posegaussian.sequence.order(0, posegaussian.camera.pose, [true], true).then((a) => [...a.data])"
     )
     wanted = lift(
-        GaussianMaps(given.color, given.depth, given.scale, given.normal, given.opacity, given.twist),
+        GaussianMaps(given.color, given.depth, given.scale, given.normal, given.opacity, given.twist, given.shift),
         k, pose, torch.float64, torch.device("cpu"),
     )  # fmt: skip
     words = np.array(texels, np.uint32).reshape(-1, 8)[: len(wanted.mean)]
     step = 1 / (coding.DEPTH_STEPS * given.focal)
-    np.testing.assert_allclose(words[:, :3].copy().view(np.float32), wanted.mean, atol=3 * step)
+    # half a step of a shift to both sides of the picture, where the surface is farthest
+    beside = shift * 0.5 * 2**0.5 / coding.SHIFT_STEPS * given.depth.max() / 39.0
+    np.testing.assert_allclose(words[:, :3].copy().view(np.float32), wanted.mean, atol=3 * step + beside)
     color = (words[:, 3, None] >> np.array([0, 8, 16], np.uint32)) & 255
     np.testing.assert_allclose(color / 255, wanted.color, atol=1e-9)
     quaternion = words[:, 4:6].copy().view(np.int16).reshape(-1, 4) / 32767

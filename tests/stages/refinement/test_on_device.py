@@ -85,7 +85,7 @@ def test_what_has_no_length_or_no_reader_has_no_slope(walk: "DeviceWalk") -> Non
     assert bool(torch.isfinite(slopes).all())
     assert not slopes[6:9, 4].any()
     assert not slopes[11, 5].any()
-    assert not slopes[[0, 1, 2, 3, 4, 5, 9, 10]].any()  # of these nothing was read
+    assert not slopes[[0, 1, 2, 3, 4, 5, 9, 10, 12, 13]].any()  # of these nothing was read
 
 
 def test_slopes_move_as_on_the_cpu(person: PersonCapture, walk: "DeviceWalk") -> None:

@@ -8,7 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from posegaussian.stages.refinement.steps.attributes import SharedGaussians
-from posegaussian.stages.refinement.steps.optimise import FEW_PICTURES, NEWEST, RATES, USUAL_PICTURES, HostWalk, _Adam
+from posegaussian.stages.refinement.steps.optimise import (
+    FEW_PICTURES,
+    NEWEST,
+    RATES,
+    USUAL_PICTURES,
+    HostWalk,
+    _Adam,
+    rates_of,
+)
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
 from tests.stages.refinement.walks import begun
 
@@ -48,7 +56,7 @@ def test_looking_at_the_mean_moves_nothing(walk: HostWalk) -> None:
 def test_the_first_move_is_the_rate_of_so_many_pictures_whatever_the_slope(pictures: int, slope: float) -> None:
     offsets = {name: np.zeros((1, 3), np.float32) for name in RATES}
     free = SimpleNamespace(offsets=offsets, confine=lambda: None)
-    _Adam(free, pictures).step({name: np.full((1, 3), slope, np.float32) for name in RATES}, slower=1.0)  # type: ignore[arg-type]
+    _Adam(free, rates_of(pictures)).step({name: np.full((1, 3), slope, np.float32) for name in RATES}, slower=1.0)  # type: ignore[arg-type]
     less = np.sqrt(USUAL_PICTURES / max(pictures, FEW_PICTURES))
     for name, rate in RATES.items():
         np.testing.assert_allclose(offsets[name], -rate * less, rtol=1e-4)

@@ -32,6 +32,7 @@ def source() -> dict[str, torch.Tensor]:
         normal,
         opacity,
         np.stack([np.cos(turn), np.sin(turn)]),
+        rng.uniform(-0.5, 0.5, (2, H, W)),
     )
     return {n: torch.as_tensor(p) for n, p in zip(NAMES, parts, strict=True)}
 

@@ -38,8 +38,8 @@ def arrays(person: PersonCapture) -> dict[str, np.ndarray]:
         }.items()
     }
     given |= run_stage(stage("gaussians"), GaussiansParams(), given, person.rig, person.views, len(SHARES))
-    maps = {a: given[b].copy() for a, b in zip(REFINED[:-2], unrefined_arrays(Facts(frozenset())), strict=True)}
-    maps["refinement/twist"] = np.zeros_like(given["gaussians/opacity"])
+    maps = {a: given[b].copy() for a, b in zip(REFINED[:-3], unrefined_arrays(Facts(frozenset())), strict=True)}
+    maps["refinement/twist"], maps["refinement/shift"] = (np.zeros_like(given["gaussians/opacity"]) for _ in range(2))
     maps["refinement/twist"][:, :, 0] = 1
     maps["refinement/color"] //= 2
     maps["refinement/opacity"] /= 2

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -29,6 +31,11 @@ def test_a_wall_stays_a_wall() -> None:
     np.testing.assert_allclose(small.normal[2], -1)
     np.testing.assert_array_equal(small.color[0, :, 1], [10, 50, 90, 130, 170])
     assert small.focal == 50
+    assert small.shift is None
+    beside = np.stack([np.full((6, 10), 0.5), np.full((6, 10), -1.0)])
+    np.testing.assert_allclose(
+        merged(replace(wall(), shift=beside), 2).shift, [np.full((3, 5), x) for x in (0.25, -0.5)]
+    )
     assert coded(small).count == 15
     assert merged(wall(), 1).depth.shape == (6, 10)
 

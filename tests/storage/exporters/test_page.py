@@ -19,7 +19,7 @@ from posegaussian.storage.exporters.page.maps import HEAD, ViewMaps, coded, octa
 HOSTILE = "</script><script>alert('x')</script><!-- \"Jörg's\" & <b>&amp;\u2028"
 
 
-def maps(height: int = 23, width: int = 31, seed: int = 0, twist: bool = False) -> ViewMaps:
+def maps(height: int = 23, width: int = 31, seed: int = 0, twist: bool = False, shift: bool = False) -> ViewMaps:
     """A bumpy surface with holes, an edge and noise."""
     random = np.random.default_rng(seed)
     y, x = np.mgrid[:height, :width]
@@ -35,6 +35,7 @@ def maps(height: int = 23, width: int = 31, seed: int = 0, twist: bool = False) 
         random.uniform(0.01, 1, (2, height, width)),
         np.stack([np.cos(angle), np.sin(angle)]) if twist else None,
         40.0,
+        random.uniform(-3, 3, (2, height, width)) if shift else None,
     )
 
 
@@ -63,10 +64,10 @@ def unfolded(changes: np.ndarray, present: np.ndarray, modulus: int) -> np.ndarr
     return out[1:, 1:]
 
 
-@pytest.mark.parametrize("twist", [False, True])
-def test_what_is_read_back_is_what_was_coded_within_a_step(twist: bool) -> None:
-    given = maps(twist=twist)
-    head, present, (depth, nx, ny, *scales, green, red, blue, face, grazing, turn) = _padded(read_back(given))
+@pytest.mark.parametrize(("twist", "shift"), [(False, False), (True, False), (False, True), (True, True)])
+def test_what_is_read_back_is_what_was_coded_within_a_step(twist: bool, shift: bool) -> None:
+    given = maps(twist=twist, shift=shift)
+    head, present, (depth, nx, ny, *scales, green, red, blue, face, grazing, turn), shifts = _parted(read_back(given))
     left, top, width, height, nearest, step, count = head
     crop = np.s_[top : top + height, left : left + width]
     there = given.depth[crop] > 0
@@ -92,11 +93,18 @@ def test_what_is_read_back_is_what_was_coded_within_a_step(twist: bool) -> None:
         angle = np.arctan2(given.twist[1], given.twist[0])[crop][there]
         off = np.exp(1j * (turn[there] / coding.TURN_STEPS * 2 * np.pi - angle))
         assert np.abs(np.angle(off)).max() < 0.51 * 2 * np.pi / coding.TURN_STEPS
+    assert len(shifts) == 2 * shift
+    for plane, values in zip(shifts, [] if given.shift is None else given.shift, strict=True):
+        said = (plane - coding.SHIFT_ZERO) / coding.SHIFT_STEPS
+        np.testing.assert_allclose(said[there], values[crop][there], atol=0.51 / coding.SHIFT_STEPS)
 
 
-def _padded(found: tuple) -> tuple:
+def _parted(found: tuple) -> tuple:
+    """Head, presence, the planes up to the turn, 0 where there is none, and those of shifts."""
     head, present, planes = found
-    return head, present, planes if len(planes) == 12 else [*planes, np.zeros_like(planes[0])]
+    own, others = planes[:11], planes[11:]
+    turn = others[:1] if len(others) % 2 else [np.zeros_like(planes[0])]
+    return head, present, [*own, *turn], others[len(others) % 2 :]
 
 
 def test_what_is_not_finite_makes_no_gaussian_and_an_empty_view_is_empty() -> None:
