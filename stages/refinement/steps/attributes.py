@@ -22,7 +22,7 @@ OPACITIES = (1e-3, 1 - 1e-4)
 """Bounds of an opacity, so that its logit is finite."""
 FARTHEST = {"scale": float(np.log(8)), "rotation": 1.0, "opacity": 8.0, "depth": 64.0, "twist": 2.0, "shift": 3.0}
 """Bounds of an offset to both sides: a Gaussian grows and shrinks to an eighth, a normal turns by 45 degrees, what lies
-along a tangent by 63."""
+along a tangent by 63; a shift is three px each way."""
 NEAREST = 0.5
 """Share of its depth by which a Gaussian may at most move: it stays in front of the camera."""
 

@@ -29,7 +29,7 @@ OPACITY_STEPS = 31
 TURN_STEPS = 256
 """Steps of a full turn about the normal."""
 SHIFT_STEPS, SHIFT_ZERO = 8, 128
-"""Steps of a shift in a pixel, and the number of none: half a step is a sixteenth of a pixel, as it is of depth."""
+"""Steps of a shift in a pixel, and the number of none: half a step is a sixteenth of a pixel."""
 HEAD = struct.Struct("<4HffI")
 """Of a view: left, top, width, height of the crop in px; depth of step 0 in metres; a step, in the natural logarithm
 of depth; number of Gaussians."""
