@@ -64,11 +64,11 @@ def pixels_a_gaussian(views: int, params: RefinementParams) -> float:
 def optimised_bytes(pixels: int, views: int, params: RefinementParams) -> int:
     """What optimising one frame takes, as if each of the `pixels` of every view had depth.
 
-    Of those that keep one a Gaussian of fourteen numbers, with its gradient, the means of it and of its square, the
-    lifted copy, and its slots in a picture's gradients; the pictures and their moments; the judge's picture of two
-    views.
+    Of those that keep one a Gaussian of fourteen numbers, with its gradient, the means of it, of its square and over
+    steps, its ray, the lifted copy, and its slots in a picture's gradients; the pictures and their moments; the judge's
+    picture of two views.
     """
-    return int(pixels * (views / pixels_a_gaussian(views, params) * 2160 + 760))
+    return int(pixels * (views / pixels_a_gaussian(views, params) * 2224 + 760))
 
 
 def halo(params: RefinementParams, facts: Facts) -> tuple[int, int]:
