@@ -5,9 +5,10 @@
 
 A ring of eight cameras, level and rolled: all by 90, 45 or 27 degrees, each by a random angle. An arc of four over 60
 degrees, level, tilted by 45 degrees as on one bar (the pictures with it), the same with level pictures, and stacked
-upright, with level pictures and with pictures on their side. Focal length, people and held-out cameras are the same for
+upright, with level pictures and with pictures on their side. A ring of twelve, and as many and other numbers in stacks
+of two above each other, which stand opposite one another. Focal length, people and held-out cameras are the same for
 all rigs of a kind, and held-out cameras are level, so their pictures and boxes are the same too: two in the middle of
-gaps of the ring, one in the middle of the arc.
+gaps of a ring and between stacks, one in the middle of the arc.
 
 One frame of each person, 320 px square. A ring that is rolled sees what it sees level. An arc that is stacked sees
 something else of the person: what that alone costs is the row with true depth, refined where the default is.
@@ -32,6 +33,7 @@ from posegaussian.stages.simulator.scene import Scene
 RADIUS, HEIGHT, FILL = 5.0, 1.0, 0.7
 """Of the ring: metres and the share of the picture's height that the person at rest fills, upright on the diagonal
 too."""
+_STACK = {"kind": "stereo", "baseline": 1.4, "tilt": 90, "start": 0}
 RIGS: dict[str, dict[str, Mapping[str, Any]]] = {
     "ring": {
         "level": {},
@@ -47,13 +49,20 @@ RIGS: dict[str, dict[str, Mapping[str, Any]]] = {
         "stacked": {"tilt": 90},
         "stacked, rolled by 90": {"tilt": 90, "roll": 90},
     },
+    "stacks": {
+        "level": {},
+        "four of two": {**_STACK, "cameras": 8, "start": -15},
+        "six of two": {**_STACK, "cameras": 12},
+        "eight of two": {**_STACK, "cameras": 16, "start": 7.5},
+    },
 }
 """{kind: {name: how it is held}}."""
 KINDS: dict[str, Mapping[str, Any]] = {
     "ring": {"kind": "ring", "cameras": 8},
     "arc": {"kind": "arc", "cameras": 4, "span": 60},
+    "stacks": {"kind": "ring", "cameras": 12, "start": 15},
 }
-MIDDLES = {"ring": (22.5, 202.5), "arc": (0.0,)}
+MIDDLES = {"ring": (22.5, 202.5), "arc": (0.0,), "stacks": (30.0, 210.0)}
 """Degrees around of the held-out cameras."""
 TRUTH, REFINED_TRUTH = "truth", "truth, refined"
 METHODS = ("sgbm", "sweep", TRUTH, DEFAULT, REFINED_TRUTH)

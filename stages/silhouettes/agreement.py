@@ -16,7 +16,15 @@ from numba import njit
 
 from posegaussian.stages.geometry.projection import rays
 from posegaussian.stages.silhouettes.hull import Silhouettes
-from posegaussian.stages.silhouettes.march import MOST_POINTS, WITNESSES, beside, in_sphere, into_views
+from posegaussian.stages.silhouettes.march import (
+    MOST_POINTS,
+    WITNESSES,
+    beside,
+    in_sphere,
+    into_views,
+    nearest_to,
+    watched,
+)
 from posegaussian.storage.model.cameras import Rig, points_from_integer_centres
 from posegaussian.storage.model.masks import foreground
 
@@ -87,8 +95,7 @@ def unexplained(rig: Rig, view: int, mask: np.ndarray, silhouettes: Silhouettes)
         rig.intrinsics[view],
         rig.world_to_camera[view],
     )
-    others = np.array([i for i, v in enumerate(silhouettes.views) if v != view], np.int64)
-    s = silhouettes
+    s, (others, sides) = silhouettes, silhouettes.asked(origin, view)
     # Most rays are explained by all, which the hull's march, from silhouette to silhouette, finds ten times sooner.
     by_all = s.met(origin, directions, TOLERANCE, without=view)
     found = np.ones((len(directions), len(s.views) + 1), bool)
@@ -96,6 +103,7 @@ def unexplained(rig: Rig, view: int, mask: np.ndarray, silhouettes: Silhouettes)
         origin,
         directions[~by_all],
         others,
+        sides,
         s.distance,
         s.projections,
         s.sizes,
@@ -112,6 +120,7 @@ def _explained(
     origin: np.ndarray,
     directions: np.ndarray,
     others: np.ndarray,
+    sides: int,
     distance: np.ndarray,
     projections: np.ndarray,
     sizes: np.ndarray,
@@ -120,8 +129,8 @@ def _explained(
     radius: float,
     pixel: float,
 ) -> np.ndarray:
-    """[N, S + 1] bool: whether a ray has a point that nobody but view s carves, and (last) that nobody carves;
-    `pixel` metres a step."""
+    """[N, S + 1] bool: whether a ray has a point that nobody but view s carves, and (last) that nobody carves, of which
+    the first `sides` of the `others` look from the side; `pixel` metres a step."""
     count = projections.shape[0]
     out = np.zeros((len(directions), count + 1), np.bool_)
     start, along = np.empty((count, 3)), np.empty((count, 3))
@@ -129,6 +138,7 @@ def _explained(
         d = directions[n]
         z, last = in_sphere(origin - centre, d, radius)
         into_views(origin, d, projections, start, along)
+        z, last = watched(start, along, sizes, others, sides, nearest_to(origin - centre, d), 1, z, last)
         step = pixel / np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
         for _ in range(MOST_POINTS):  # a step that is lost in z's rounding would never end
             if not z <= last or out[n, count]:

@@ -19,6 +19,7 @@ from posegaussian.stages.silhouettes.march import (
     in_sphere,
     into_views,
     motion,
+    nearest_to,
     stride,
 )
 
@@ -39,7 +40,7 @@ def covered_around(
 
     What it says of a ray is what `coverage` says.
     """
-    s = silhouettes
+    s, (among, sides) = silhouettes, silhouettes.asked(origin)
     return _covered_around(
         origin,
         directions,
@@ -52,6 +53,8 @@ def covered_around(
         s.centre,
         s.radius,
         FINE * s.pixel,
+        among,
+        sides,
     )
 
 
@@ -71,7 +74,7 @@ def coverage(
     most, which may be more than the points of a walk say. Neither is anywhere where it is not positive. A share that
     reaches what is `enough` [N] may be larger.
     """
-    s = silhouettes
+    s, (among, sides) = silhouettes, silhouettes.asked(origin)
     return _coverage(
         origin,
         directions,
@@ -87,6 +90,8 @@ def coverage(
         s.centre,
         s.radius,
         FINE * s.pixel,
+        among,
+        sides,
     )
 
 
@@ -148,12 +153,14 @@ def _covered_around(
     centre: np.ndarray,
     radius: float,
     step: float,
+    among: np.ndarray,
+    sides: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """As `covered_around`; `step` metres."""
+    """As `covered_around`; `step` metres, all views `among` which the first `sides` look from the side."""
     count = projections.shape[0]
     found, at = np.zeros(len(directions), np.bool_), np.full(len(directions), -1.0)
     start, along = np.empty((count, 3)), np.empty((count, 3))
-    every, order = np.arange(count), np.arange(count)
+    order = np.arange(count)
     for n in range(len(directions)):
         d = directions[n]
         into_views(origin, d, projections, start, along)
@@ -161,7 +168,7 @@ def _covered_around(
         first, last = in_sphere(origin - centre, d, max(radius - last * around - step, 0.0))
         if first >= last:
             continue
-        z, last = clip_ray(start, along, boxes, sizes, every, first, last)
+        z, last = clip_ray(start, along, boxes, sizes, among, sides, nearest_to(origin - centre, d), first, last)
         length = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
         best = -np.inf
         for _ in range(TRIES):
@@ -208,12 +215,14 @@ def _coverage(
     centre: np.ndarray,
     radius: float,
     step: float,
+    among: np.ndarray,
+    sides: int,
 ) -> np.ndarray:
-    """As `coverage`; `step` metres."""
+    """As `coverage`; `step` metres, all views `among` which the first `sides` look from the side."""
     count = projections.shape[0]
     out = np.zeros(len(directions), np.float32)
     start, along, moves = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
-    every, order = np.arange(count), np.arange(count)
+    order = np.arange(count)
     for n in range(len(directions)):
         d = directions[n]
         into_views(origin, d, projections, start, along)
@@ -227,7 +236,10 @@ def _coverage(
         for v in range(count):
             order[v] = v  # a ray's points must not depend on the rays before it
         first, last = in_sphere(origin - centre, d, radius)
-        z, last = clip_ray(start, along, boxes, sizes, every, first, last) if first < last else (first, last)
+        z = first
+        if first < last:
+            middle = nearest_to(origin - centre, d)
+            z, last = clip_ray(start, along, boxes, sizes, among, sides, middle, first, last)
         motion(start, along, moves)
         pace = step / np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
         best = 0.0

@@ -7,7 +7,8 @@ intervals on the epipolar lines).
 
 A view carves only what it can see: a point beside its picture or behind its camera stays, and a view whose mask is
 empty says nothing. A point that fewer than two other views see (or the only other one) is not part of the hull, because
-too little speaks for it: the opposite camera of a ring sees a ray from end to end and carves none of it.
+too little speaks for it: the opposite camera of a ring sees a ray from end to end and carves none of it. Nor is a part
+of a ray that less than a third of the views to its side see, of those that see it by the subject's middle.
 
 A ray without a hull is tried again: with silhouettes a little wider, for masks and calibrations that are off, then
 against the vote of one view, whose mask may lack a limb. Masks that are wrong as a whole are found by
@@ -35,6 +36,9 @@ TOLERANCE = (0.0, 1.5)
 """Px a point may lie outside another view's silhouette; the second value only for rays without a hull at the first."""
 OUTVOTED = 4
 """Other views, at least, of which one may be overruled for a ray that has no hull otherwise."""
+LOOKS_BACK = -np.cos(np.deg2rad(30.0))
+"""Cosine at the subject's middle between a ray's origin and a camera on its other side, which sees the ray from end to
+end and cannot tell where on it a subject begins."""
 OBLIQUE = 1.5
 """Px by which a point moves for a metre sideways, over focal length / depth, at most: 48 degrees off the axis."""
 
@@ -113,9 +117,15 @@ class Silhouettes:
         """The same of those of some views alone."""
         return max(float(self.pixels[among].min()), 2 * self.radius / MOST_POINTS)
 
-    def _but(self, without: int | None) -> np.ndarray:
-        """Indices of the silhouettes but that of a view, whether it has one or not."""
-        return np.array([i for i, v in enumerate(self.views) if v != without], np.int64)
+    def asked(self, origin: np.ndarray, without: int | None = None) -> tuple[np.ndarray, int]:
+        """Indices of the silhouettes but that of a view, whether it has one or not, those first that look from the side
+        at rays from `origin` [3], and how many these are; where all look back at it, all count as such."""
+        places = -np.linalg.solve(self.projections[:, :, :3], self.projections[:, :, 3:])[..., 0] - self.centre
+        towards = origin - self.centre
+        cosines = places @ towards / np.maximum(np.linalg.norm(places, axis=1) * np.linalg.norm(towards), 1e-12)
+        others = [i for i, v in enumerate(self.views) if v != without]
+        sides = [i for i in others if cosines[i] > LOOKS_BACK] or others
+        return np.array([*sides, *(i for i in others if i not in sides)], np.int64), len(sides)
 
     @cached_property
     def whole(self) -> np.ndarray:
@@ -161,7 +171,7 @@ class Silhouettes:
         is that of the views but the one `without` which it is asked for.
         """
         tries = [(t, 0) for t in dict.fromkeys(tolerance)]
-        if votes and len(self._but(without)) >= OUTVOTED:
+        if votes and len(self.views) - (without in self.views) >= OUTVOTED:
             tries.append((tolerance[1], 1))
         return self._marched(origin, directions, tries, without)
 
@@ -169,7 +179,7 @@ class Silhouettes:
         self, origin: np.ndarray, directions: np.ndarray, tries: list[tuple[float, int]], without: int | None
     ) -> np.ndarray:
         """[N, 2] as `march` finds it."""
-        out, among = np.zeros((len(directions), 2)), self._but(without)
+        out, (among, sides) = np.zeros((len(directions), 2)), self.asked(origin, without)
         if len(among) and len(directions):
             march(
                 origin,
@@ -183,6 +193,7 @@ class Silhouettes:
                 self._pixel_among(among),
                 tries,
                 among,
+                sides,
                 out,
             )
         return out
@@ -190,7 +201,7 @@ class Silhouettes:
     def met(self, origin: np.ndarray, directions: np.ndarray, tolerance: float, without: int | None) -> np.ndarray:
         """[N] bool: which rays origin [3] + depth * directions [N, 3] the hull of the views but one leaves something
         of; `tolerance` px beyond the silhouettes."""
-        out, among = np.zeros(len(directions), bool), self._but(without)
+        out, (among, sides) = np.zeros(len(directions), bool), self.asked(origin, without)
         if len(among) and len(directions):
             meets(
                 origin,
@@ -204,6 +215,7 @@ class Silhouettes:
                 self._pixel_among(among),
                 tolerance,
                 among,
+                sides,
                 out,
             )
         return out

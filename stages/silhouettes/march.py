@@ -10,6 +10,9 @@ from numba import njit
 
 WITNESSES = 2
 """Other views that must see a point of the hull, where there are as many."""
+OF_THOSE = 3
+"""Of so many views to the side that see a ray by the subject's middle one must see a point of the hull, too. Where
+cameras stand in stacks, the others of one's own stack and those of the opposite one keep a ray up to the camera."""
 BISECTIONS = 4
 """Halvings of the last step: a sixteenth of a pixel."""
 DEEPER = 4.0
@@ -115,8 +118,11 @@ def _part(
 
 
 @njit(cache=True, nogil=True)
-def _witnessed(seen: np.ndarray, z0: float, z1: float) -> tuple[float, float]:
-    """The part of [z0, z1] between whose ends enough views see the ray, each a part `seen` [S, 2] of it."""
+def _witnessed(
+    seen: np.ndarray, sides: int, middle: float, overruled: int, z0: float, z1: float
+) -> tuple[float, float]:
+    """The part of [z0, z1] between whose ends enough views see the ray, each a part `seen` [S, 2] of it: `WITNESSES` of
+    all, and of the first `sides` one of `OF_THOSE` that see it at depth `middle`, of which so many are `overruled`."""
     first = second = np.inf
     last = last_but_one = -np.inf
     for low, high in seen:
@@ -128,19 +134,35 @@ def _witnessed(seen: np.ndarray, z0: float, z1: float) -> tuple[float, float]:
             last, last_but_one = high, last
         elif high > last_but_one:
             last_but_one = high
-    return (max(z0, first), min(z1, last)) if len(seen) < WITNESSES else (max(z0, second), min(z1, last_but_one))
+    z0, z1 = (max(z0, first), min(z1, last)) if len(seen) < WITNESSES else (max(z0, second), min(z1, last_but_one))
+    there = -overruled
+    for low, high in seen[:sides]:
+        there += low <= middle <= high
+    needed = -(-there // OF_THOSE)
+    if needed <= 0:
+        return z0, z1
+    return max(z0, np.sort(seen[:sides, 0])[needed - 1]), min(z1, np.sort(seen[:sides, 1])[sides - needed])
 
 
 @njit(cache=True, nogil=True)
-def _watched(
-    start: np.ndarray, along: np.ndarray, sizes: np.ndarray, among: np.ndarray, z0: float, z1: float
+def watched(
+    start: np.ndarray,
+    along: np.ndarray,
+    sizes: np.ndarray,
+    among: np.ndarray,
+    sides: int,
+    middle: float,
+    overruled: int,
+    z0: float,
+    z1: float,
 ) -> tuple[float, float]:
-    """The part of [z0, z1] that enough of the views `among` all see to be of the hull, whatever they carve."""
+    """The part of [z0, z1] that enough of the views `among` all, but those `overruled`, see to be of the hull, whatever
+    they carve."""
     seen = np.empty((len(among), 2))
     for n in range(len(among)):
         v = among[n]
         seen[n, 0], seen[n, 1] = _part(start, along, v, 0.0, 0.0, sizes[v, 0] - 1, sizes[v, 1] - 1, z0, z1)
-    return _witnessed(seen, z0, z1)
+    return _witnessed(seen, sides, middle, overruled, z0, z1)
 
 
 @njit(cache=True, nogil=True)
@@ -150,18 +172,21 @@ def clip_ray(
     boxes: np.ndarray,
     sizes: np.ndarray,
     among: np.ndarray,
+    sides: int,
+    middle: float,
     z0: float,
     z1: float,
 ) -> tuple[float, float]:
-    """The part of [z0, z1] that can hold the hull of the views `among` all: seen by enough of them, and in the box of
-    all that see its ends."""
+    """The part of [z0, z1] that can hold the hull of the views `among` all, the first `sides` of which look at the ray
+    from the side: seen by enough of them, also of those that see it at depth `middle`, where it passes the subject's
+    middle, and in the box of all that see its ends."""
     views = len(among)
     seen, kept = np.empty((views, 2)), np.empty((views, 2))
     for n in range(views):
         v = among[n]
         seen[n, 0], seen[n, 1] = _part(start, along, v, 0.0, 0.0, sizes[v, 0] - 1, sizes[v, 1] - 1, z0, z1)
         kept[n, 0], kept[n, 1] = _part(start, along, v, boxes[v, 0], boxes[v, 1], boxes[v, 2], boxes[v, 3], z0, z1)
-    z0, z1 = _witnessed(seen, z0, z1)
+    z0, z1 = _witnessed(seen, sides, middle, 0, z0, z1)
     moved = True
     while moved and z0 < z1:
         moved = False
@@ -227,12 +252,13 @@ def march(
     pixel: float,
     tries: list[tuple[float, int]],
     among: np.ndarray,
+    sides: int,
     ends: np.ndarray,
 ) -> None:
     """Fill ends [N, 2] with near and far depth of each ray [N, 3], 0 where the ray has no hull.
 
     `pixel` is metres a step; `tries` are (tolerance px, views overruled), one after the other until there is a hull;
-    `among` are the views that it is the hull of.
+    `among` are the views that it is the hull of, the first `sides` of them those to the side of the rays.
     """
     views = projections.shape[0]
     start, along, order = np.empty((views, 3)), np.empty((views, 3)), among.copy()
@@ -246,10 +272,11 @@ def march(
         into_views(origin, d, projections, start, along)
         motion(start, along, moves)
         step = pixel / math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
-        clipped = clip_ray(start, along, boxes, sizes, among, first, last)
+        middle = nearest_to(origin - centre, d)
+        clipped = clip_ray(start, along, boxes, sizes, among, sides, middle, first, last)
         for how in tries:
             # A view that is overruled does not clip either, but to where enough others look.
-            z0, z1 = _watched(start, along, sizes, among, first, last) if how[1] else clipped
+            z0, z1 = watched(start, along, sizes, among, sides, middle, how[1], first, last) if how[1] else clipped
             if z1 <= z0:
                 continue
             near = _end(z0, step, z1, start, along, moves, distance, sizes, order, how)
@@ -273,6 +300,7 @@ def meets(
     pixel: float,
     tolerance: float,
     among: np.ndarray,
+    sides: int,
     found: np.ndarray,
 ) -> None:
     """Fill found [N] bool: whether a ray [N, 3] has a point in the hull of the views `among` all; otherwise as `march`.
@@ -294,7 +322,7 @@ def meets(
         if z0 <= at <= z1 and _outside(at, 1.0, start, along, moves, distance, sizes, order, tolerance, 0) == 0:
             found[n] = True
             continue
-        z0, z1 = clip_ray(start, along, boxes, sizes, among, z0, z1)
+        z0, z1 = clip_ray(start, along, boxes, sizes, among, sides, nearest_to(origin - centre, d), z0, z1)
         if z1 <= z0:
             continue
         step = pixel / math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
@@ -335,3 +363,9 @@ def in_sphere(to: np.ndarray, d: np.ndarray, radius: float) -> tuple[float, floa
     if inside <= 0:
         return 1.0, 0.0
     return max((-b - math.sqrt(inside)) / a, 1e-3), (-b + math.sqrt(inside)) / a
+
+
+@njit(cache=True, nogil=True)
+def nearest_to(to: np.ndarray, d: np.ndarray) -> float:
+    """Depth at which a ray along d [3] is nearest to a point, `to` [3] from there to the ray's origin."""
+    return -(d[0] * to[0] + d[1] * to[1] + d[2] * to[2]) / (d[0] * d[0] + d[1] * d[1] + d[2] * d[2])

@@ -21,7 +21,15 @@ from posegaussian.stages.geometry.projection import rays
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.silhouettes.agreement import agreement
 from posegaussian.stages.silhouettes.hull import OUTVOTED, Silhouettes, searched_radius
-from posegaussian.stages.silhouettes.march import MOST_POINTS, WITNESSES, beside, in_sphere, into_views
+from posegaussian.stages.silhouettes.march import (
+    MOST_POINTS,
+    WITNESSES,
+    beside,
+    in_sphere,
+    into_views,
+    nearest_to,
+    watched,
+)
 from posegaussian.storage.model.cameras import Rig, points_from_integer_centres
 from posegaussian.storage.model.masks import foreground
 
@@ -136,7 +144,7 @@ def single_carvers(silhouettes: Silhouettes, view: int, origin: np.ndarray, dire
     _give_up(
         origin,
         directions,
-        silhouettes.views.index(view),
+        *silhouettes.asked(origin, view),
         silhouettes.distance,
         silhouettes.projections,
         silhouettes.sizes,
@@ -152,7 +160,8 @@ def single_carvers(silhouettes: Silhouettes, view: int, origin: np.ndarray, dire
 def _give_up(
     origin: np.ndarray,
     directions: np.ndarray,
-    own: int,
+    others: np.ndarray,
+    sides: int,
     distance: np.ndarray,
     projections: np.ndarray,
     sizes: np.ndarray,
@@ -161,23 +170,22 @@ def _give_up(
     pixel: float,
     out: np.ndarray,
 ) -> None:
-    """Mark in out [S, h, w] the pixel at which a single view carves a ray [N, 3] of view `own` the least; `pixel`
-    metres a step. A ray without such a point marks nothing."""
+    """Mark in out [S, h, w] the pixel at which a single one of the `others`, the first `sides` of which look from the
+    side, carves a ray [N, 3] the least; `pixel` metres a step. A ray without such a point marks nothing."""
     count = projections.shape[0]
     start, along = np.empty((count, 3)), np.empty((count, 3))
     for n in range(len(directions)):
         d = directions[n]
         z, last = in_sphere(origin - centre, d, radius)
         into_views(origin, d, projections, start, along)
+        z, last = watched(start, along, sizes, others, sides, nearest_to(origin - centre, d), 1, z, last)
         step = pixel / np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
         least, by, at = np.inf, -1, 0.0
         for _ in range(MOST_POINTS):  # a step that is lost in z's rounding would never end
             if not z <= last:
                 break
             seen, against, carver, far = 0, 0, -1, 0.0
-            for v in range(count):
-                if v == own:
-                    continue
+            for v in others:
                 px, _edge, _w = beside(z, v, start, along, distance, sizes)
                 seen += px > -np.inf
                 if px > TOLERANCE:

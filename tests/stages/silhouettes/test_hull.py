@@ -115,6 +115,35 @@ def test_masks_behind_the_padding_are_not_read():
     assert not wide[48:].any()
 
 
+@pytest.mark.parametrize(("poles", "rows"), [(4, 2), (6, 2), (6, 3)])
+def test_cameras_in_stacks_see_no_body_up_to_the_camera(poles: int, rows: int) -> None:
+    """Those of one's own stack and of the opposite one look along a ray and keep all of it; those to the side, whose
+    pictures do not reach so far, say where a body ends that stands upright in all of them."""
+    cameras = [
+        camera(np.array([*on_ring(360 * p / poles)[:2], h]), np.zeros(3))
+        for p in range(poles)
+        for h in np.linspace(-0.5, 0.5, rows)
+    ]
+    rig = rig_of(cameras, (64, 64), 90.0)
+    masks = {v: _column(rig, v) for v in range(len(rig))}
+    radius = searched_radius(rig, list(masks), np.zeros(3))
+    near, far = visual_hull(rig, 0, masks, np.zeros(3), radius)
+    found = near > 0
+    assert (found == (masks[0] > 127)).mean() > 0.99
+    # The hull of four stacks is square about a column of 0.15 m: 0.15 / cos 45 degrees, and a pixel and a half more,
+    # 2 m / 90 px each, for the edges of masks.
+    for depth in (near, far):
+        ends = unproject(depth, rig.intrinsics[0], rig.world_to_camera[0])[found]
+        assert np.hypot(*ends[:, :2].T).max() < 0.15 * np.sqrt(2) + 1.5 * 2 / 90
+
+
+def _column(rig: Rig, view: int) -> np.ndarray:
+    """Mask of an upright column of 0.15 m, farther up and down than any picture reaches."""
+    origin, directions = rays(pixel_centres((64, 64)).reshape(-1, 2), rig.intrinsics[view], rig.world_to_camera[view])
+    across = np.abs(directions[:, 0] * origin[1] - directions[:, 1] * origin[0]) / np.hypot(*directions[:, :2].T)
+    return np.where(across.reshape(64, 64) < 0.15, 255, 0).astype(np.uint8)
+
+
 def test_no_other_view_no_hull():
     rig = ring(8)
     near, far = visual_hull(rig, 0, {0: sphere_mask(rig, 0, CENTRE, RADIUS)}, np.zeros(3), 1.8)
