@@ -49,6 +49,9 @@ class RectifiedPair:
     """[2, 2] (width, height) of the source pictures, px."""
     scale: float = 1.0
     """Focal length over the mean focal length of the source views."""
+    quarters: int = 0
+    """By how many quarters, counter-clockwise, rectified pictures must be turned for the rig's up to point upwards
+    rather than to a side: 1 or 3 where the baseline runs more upright than level, else 0."""
 
     @property
     def focal(self) -> float:
@@ -182,4 +185,8 @@ def rectify(rig: Rig, first: int, second: int, subject: np.ndarray, scale: float
     # Rows of both are equal but for rounding; one value keeps them aligned exactly.
     intrinsics[:, 1, 2] = size / 2 - focal * seen[0, 1] / seen[0, 2]
     to_source = rig.intrinsics[pair] @ rotations @ rotation.T @ np.linalg.inv(intrinsics)
-    return RectifiedPair((first, second), rotation, centres, intrinsics, to_source, (size, size), rig.size[pair], scale)
+    right, below, _ = rotation @ up
+    quarters = 0 if abs(right) <= abs(below) else 1 if right > 0 else 3
+    return RectifiedPair(
+        (first, second), rotation, centres, intrinsics, to_source, (size, size), rig.size[pair], scale, quarters
+    )

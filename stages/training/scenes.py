@@ -41,7 +41,8 @@ ASTRAY = 0.4
 """Share of the training scenes whose cameras stand by eye: rolled, and at heights and gaps of their own."""
 LEANING = 0.35
 """Share of the training scenes whose cameras stand on a leaning arc, so that pairs run diagonally or upright, as
-neighbours in rows above each other do: a person seen by such a pair lies across its rectified pictures."""
+neighbours in rows above each other do: a person seen by such a pair lies across its rectified pictures, which are
+turned upright by quarters (`network/model/quarters.py`) before they are looked at."""
 LEAN = (15.0, 90.0)
 """Degrees by which an arc leans, to either side."""
 GAP, WIDEST = (15.0, 60.0), 110.0

@@ -25,6 +25,7 @@ from posegaussian.stages.network.model.heads import Heads, moved, trust
 from posegaussian.stages.network.model.layout import unshuffled
 from posegaussian.stages.network.model.pairs import EVIDENCE, RELIEF, PairViews, Third, evidence, others, relief
 from posegaussian.stages.network.model.presets import Preset
+from posegaussian.stages.network.model.quarters import Quarters
 from posegaussian.stages.network.model.refine import DepthRefinement
 from posegaussian.stages.network.model.warping import in_cells
 
@@ -63,6 +64,18 @@ class Prediction:
             {n: v.to(device) for n, v in self.numbers.items()},
         )
         return replace(self, disparities=disparities, numbers=numbers, **moved)
+
+    def in_rows(self, turned: Quarters, rotation: str) -> Prediction:
+        """The same of the rectified pictures and along their axes, said of pictures `turned` to stand upright;
+        `rotation`: the kind of the head."""
+        if not any(turned.turns):
+            return self
+        first = 1 if rotation == "quaternion" else 0
+        numbers = {n: turned.in_rows(v) for n, v in self.numbers.items()}
+        numbers["scale"] = turned.along_rows(numbers["scale"], (0, 1), signed=False)
+        numbers["rotation"] = turned.along_rows(numbers["rotation"], (first, first + 1), signed=True)
+        maps = {n: turned.in_rows(v) for n, v in vars(self).items() if isinstance(v, torch.Tensor)}
+        return replace(self, disparities=[turned.in_rows(d) for d in self.disparities], numbers=numbers, **maps)
 
     @property
     def confidence(self) -> torch.Tensor:
@@ -122,14 +135,17 @@ class PoseGaussianNetwork(nn.Module):
     ) -> Prediction:
         """Refine the start of every direction in `iterations` steps and decode.
 
-        H and W are multiples of the preset's stride, those of a third view too. Raises ValueError for sizes that are
+        Pictures are looked at upright (`PairViews.turned`); what is said is of the rectified ones, along their axes. H
+        and W are multiples of the preset's stride, those of a third view too. Raises ValueError for sizes that are
         not, for `iterations` < 1, and for a third view, or a view alone, that the preset does not have.
         """
         clock = timer or (lambda name: nullcontext())
+        turned = views.quarters
+        with clock("evidence"):
+            seen = turned.upright(evidence(views))
+        views = views.upright()
         known = views.known
         start = torch.where(known, views.start, 0)
-        with clock("evidence"):
-            seen = evidence(views)
         with clock("image encoder"):
             levels = self.image(views.color)
         with clock("fusion"):
@@ -150,6 +166,7 @@ class PoseGaussianNetwork(nn.Module):
                 only_last=only_last,
                 beside=torch.relu(self.beside(told)),
                 alone=views.alone,
+                turned=turned,
             )
         pose = None
         if self.pose is not None:
@@ -168,7 +185,7 @@ class PoseGaussianNetwork(nn.Module):
             numbers = self.heads.numbers(decoded.features)
             change = moved(numbers, move, self.heads.reach)
             disparity = torch.where(known, start + trust(numbers["shares"][:, :1]) * change, torch.nan)
-        return Prediction(
+        said = Prediction(
             refined.disparities,
             refined.confidence,
             numbers,
@@ -177,6 +194,7 @@ class PoseGaussianNetwork(nn.Module):
             decoded.joint,
             None if pose is None else pose[-1],
         )
+        return said.in_rows(turned, self.preset.rotation_head)
 
     def _further(self, third: Third) -> tuple[torch.Tensor, torch.Tensor]:
         """Features [2 P, C, h, w] of the third view of every direction's pair, and the projection of cells to its

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,6 +17,7 @@ from posegaussian.stages.geometry.projection import pixel_centres
 from posegaussian.stages.geometry.rectification import RectifiedPair, Window
 from posegaussian.stages.network.model.disparity import Coding
 from posegaussian.stages.network.model.encoders import HEATMAP_CELL
+from posegaussian.stages.network.model.quarters import Quarters
 from posegaussian.storage.model.cameras import PIXEL_CENTRE, points_to_integer_centres
 
 RELIEF = 16.0
@@ -94,6 +96,8 @@ class PairViews:
     """[B, J, H / 4, W / 4] heatmaps stabilised over time, for the pose encoder alone; None: those of the frame."""
     alone: torch.Tensor | None = None
     """[B] bool, of directions whose other view counts for nothing: a view without a partner. None: no direction."""
+    turned: Quarters | None = None
+    """Of every direction, by how much its pictures are turned before they are looked at; None: none is."""
 
     @staticmethod
     def batch(pairs: Sequence[PairViews]) -> PairViews:
@@ -111,7 +115,8 @@ class PairViews:
             if any(p.alone is not None for p in pairs)
             else None
         )
-        return PairViews(color, heatmaps, start, confidence, cover, Coding(*codings), third, stabilised, alone)
+        turned = Quarters(tuple(t for p in pairs for t in p.quarters.turns))
+        return PairViews(color, heatmaps, start, confidence, cover, Coding(*codings), third, stabilised, alone, turned)
 
     def to(self, device: torch.device) -> PairViews:
         """The same on a device; coding and projections stay where they are, their numbers are few."""
@@ -122,7 +127,18 @@ class PairViews:
             else replace(self.third, color=self.third.color.to(device), heatmaps=self.third.heatmaps.to(device))
         )
         stabilised, alone = (None if x is None else x.to(device) for x in (self.stabilised, self.alone))
-        return PairViews(color, heatmaps, start, confidence, cover, self.coding, third, stabilised, alone)
+        return PairViews(color, heatmaps, start, confidence, cover, self.coding, third, stabilised, alone, self.turned)
+
+    @property
+    def quarters(self) -> Quarters:
+        """By how much the pictures are turned before they are looked at."""
+        return Quarters.none(len(self.start)) if self.turned is None else self.turned
+
+    def upright(self) -> PairViews:
+        """The same, all maps turned as they are looked at; coding and third view are of the rectified pictures."""
+        maps: dict[str, Any] = {name: self.quarters.upright(getattr(self, name)) for name in MAPS}
+        stabilised = None if self.stabilised is None else self.quarters.upright(self.stabilised)
+        return replace(self, **maps, stabilised=stabilised)
 
     @property
     def of_pose(self) -> torch.Tensor:
@@ -168,7 +184,8 @@ def rectified_pair(
         ]
         stabilised = torch.from_numpy(np.stack(found))
     coding = Coding.of(directions, near, far)
-    return PairViews(color, heatmaps, start, confidence, cover, coding, stabilised=stabilised)
+    turned = Quarters((pair.quarters,) * 2)
+    return PairViews(color, heatmaps, start, confidence, cover, coding, stabilised=stabilised, turned=turned)
 
 
 def single_view(pair: RectifiedPair, view: SourceView, windows: tuple[Window, Window], joints: int = 17) -> PairViews:

@@ -16,6 +16,7 @@ from torch import nn
 
 from posegaussian.stages.network.model.correlation import Correlation, columns_of, exact
 from posegaussian.stages.network.model.disparity import Coding
+from posegaussian.stages.network.model.quarters import Quarters
 from posegaussian.stages.network.model.update import Update, upsample
 from posegaussian.stages.network.model.warping import warped_correlation
 
@@ -81,6 +82,7 @@ class DepthRefinement(nn.Module):
         only_last: bool = False,
         beside: torch.Tensor | None = None,
         alone: torch.Tensor | None = None,
+        turned: Quarters | None = None,
     ) -> Refined:
         """Refine.
 
@@ -93,6 +95,7 @@ class DepthRefinement(nn.Module):
         beside: [B, beside, h, w] what else is known about the first view's cells, where the refinement was built with
         it.
         alone: [B] bool, of directions whose second view counts for nothing; None: of none.
+        turned: by how much all of these maps are turned against the pair's rows; None: not at all.
 
         On the CPU results are the same bytes on one thread and on several for B >= 2, as the two directions of a pair
         are. A single direction of tiny maps (up to 20480 values) may differ by 1e-6 px: torch chooses its convolutions
@@ -102,14 +105,16 @@ class DepthRefinement(nn.Module):
         the network was not built for.
         """
         self._check(first, start, iterations, others, alone)
-        correlation = None if second is None else Correlation(first, second, self.levels, self.radius)
+        turned = Quarters.none(len(first)) if turned is None else turned
+        rows = turned.in_rows(first)
+        correlation = None if second is None else Correlation(rows, turned.in_rows(second), self.levels, self.radius)
         read = self.context(first if beside is None else torch.cat([first, beside.to(first.dtype)], dim=1))
         state, context = torch.tanh(read[:, : self.hidden]), read[:, self.hidden :]
         begin = coding.seeded(start, self.factor)
         disparity, found = begin, []
         for step in range(iterations):
             disparity = disparity.detach()  # as in RAFT: each step answers for its own change
-            seen = self._seen(correlation, first, disparity, coding, others, alone)
+            seen = turned.upright(self._seen(correlation, rows, turned.in_rows(disparity), coding, others, alone))
             state, delta = self.update(state, context, seen, disparity - begin)
             disparity = coding.limit(disparity + delta.to(disparity.dtype), self.factor)
             if step < iterations - 1 and not only_last:
