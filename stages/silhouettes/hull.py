@@ -36,9 +36,9 @@ TOLERANCE = (0.0, 1.5)
 """Px a point may lie outside another view's silhouette; the second value only for rays without a hull at the first."""
 OUTVOTED = 4
 """Other views, at least, of which one may be overruled for a ray that has no hull otherwise."""
-LOOKS_BACK = -np.cos(np.deg2rad(30.0))
-"""Cosine at the subject's middle between a ray's origin and a camera on its other side, which sees the ray from end to
-end and cannot tell where on it a subject begins."""
+ALONG = np.cos(np.deg2rad([150.0, 10.0]))
+"""Cosines at the subject's middle between a ray's origin and cameras on its other side and on its own, which look along
+the ray, see it from end to end and cannot tell where on it a subject begins."""
 OBLIQUE = 1.5
 """Px by which a point moves for a metre sideways, over focal length / depth, at most: 48 degrees off the axis."""
 
@@ -119,12 +119,12 @@ class Silhouettes:
 
     def asked(self, origin: np.ndarray, without: int | None = None) -> tuple[np.ndarray, int]:
         """Indices of the silhouettes but that of a view, whether it has one or not, those first that look from the side
-        at rays from `origin` [3], and how many these are; where all look back at it, all count as such."""
+        at rays from `origin` [3], and how many these are; where all look along them, all count as such."""
         places = -np.linalg.solve(self.projections[:, :, :3], self.projections[:, :, 3:])[..., 0] - self.centre
         towards = origin - self.centre
         cosines = places @ towards / np.maximum(np.linalg.norm(places, axis=1) * np.linalg.norm(towards), 1e-12)
         others = [i for i, v in enumerate(self.views) if v != without]
-        sides = [i for i in others if cosines[i] > LOOKS_BACK] or others
+        sides = [i for i in others if ALONG[0] < cosines[i] < ALONG[1]] or others
         return np.array([*sides, *(i for i in others if i not in sides)], np.int64), len(sides)
 
     @cached_property

@@ -15,6 +15,9 @@ OF_THOSE = 3
 cameras stand in stacks, the others of one's own stack and those of the opposite one keep a ray up to the camera."""
 BISECTIONS = 4
 """Halvings of the last step: a sixteenth of a pixel."""
+EDGE = 1e-6
+"""Px beyond the outermost pixel centres that count as on them: what a camera sees of rays through its own outermost
+pixels must not hang on rounding."""
 DEEPER = 4.0
 """Steps within the hull from where a ray enters it, where the next ray is likely to be within, too."""
 MOST_POINTS = 2**15
@@ -38,8 +41,9 @@ def beside(
     share = 1 / w
     x, y = (start[v, 0] + z * along[v, 0]) * share, (start[v, 1] + z * along[v, 1]) * share
     right, bottom = sizes[v, 0] - 1, sizes[v, 1] - 1
-    if x < 0 or y < 0 or x > right or y > bottom:
+    if x < -EDGE or y < -EDGE or x > right + EDGE or y > bottom + EDGE:
         return -np.inf, 0.0, 0.0
+    x, y = min(max(x, 0.0), right), min(max(y, 0.0), bottom)
     column, row, one = np.uint32(min(x, right - 0.5)), np.uint32(min(y, bottom - 0.5)), np.uint32(1)
     a, b = x - column, y - row
     top = distance[v, row, column] + a * (distance[v, row, column + one] - distance[v, row, column])
