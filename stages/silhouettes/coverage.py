@@ -69,7 +69,7 @@ def coverage(
     """[N] float32 share 0..1 of the pixels of rays [N, 3] that the hull covers.
 
     The largest share, along the ray, of what every mask that sees the point leaves of it: the masks' soft edges carry
-    over. A point that fewer than two see is none of the hull's, as in `posegaussian.stages.silhouettes.hull`. At depths
+    over. A point that too few see is none of the hull's, as in `posegaussian.stages.silhouettes.hull`. At depths
     `guess` [N] the ray may be covered as a whole, and where it is, a walk finds it so; at `near` [N] it may be covered
     most, which may be more than the points of a walk say. Neither is anywhere where it is not positive. A share that
     reaches what is `enough` [N] may be larger.
