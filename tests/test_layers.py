@@ -20,6 +20,7 @@ MODEL = "storage.model"
 """What stages may know of storage: cameras, time and arrays as data, and how an error is named."""
 SCHEDULERS = {"dask", "distributed"}
 LIBRARIES = (
+    "compiling",
     "simulator",
     "following",
     "geometry",

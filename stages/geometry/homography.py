@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from posegaussian.stages.compiling.compiled import compiled
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def applied(homography: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Where a homography [3, 3] takes pixels [N, 2], and the value of its third row [N]; dividing by 0 gives what is
     not finite."""

@@ -11,7 +11,8 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from numba import njit
+
+from posegaussian.stages.compiling.compiled import compiled
 
 PATCH = 5
 """Side of the neighbourhood that must be the same, px."""
@@ -44,7 +45,7 @@ def sameness(picture: np.ndarray, other: np.ndarray, noise: float) -> np.ndarray
     return np.exp(-np.maximum(apart / (2 * noise**2) - 1, 0))
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def averaged_depth(
     depths: np.ndarray, confidences: np.ndarray, weights: np.ndarray, own: int, footprint: float
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -7,15 +7,15 @@ surface, so the penalties bend the result towards the guide's shape, not towards
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.stages.matching.cost import FORBIDDEN
 
 DIRECTIONS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1))
 """(rows, columns) of a step along each path."""
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _step(cost: np.ndarray, before: np.ndarray, small: int, large: int, out: np.ndarray, total: np.ndarray) -> None:
     """One pixel of one path: out [D + 2] from the pixel before [D + 2], both padded by a label at each end;
     adds to total [D]."""
@@ -30,7 +30,7 @@ def _step(cost: np.ndarray, before: np.ndarray, small: int, large: int, out: np.
         total[d] += out[d + 1]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def aggregate(volume: np.ndarray, mask: np.ndarray, jumps: np.ndarray, small: int, large: int) -> np.ndarray:
     """Sum [h, w, D] uint16 over eight directions of the least cost of a path that ends at a pixel with an offset.
 
@@ -68,7 +68,7 @@ def aggregate(volume: np.ndarray, mask: np.ndarray, jumps: np.ndarray, small: in
     return total
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def minimum(total: np.ndarray, volume: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """The label of least total [h, w] float32, with the fraction of a parabola through its neighbours; -1 where no
     offset is allowed."""

@@ -13,7 +13,8 @@ single precision, no branch; and from rows that are cut to where an offset is wi
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from posegaussian.stages.compiling.compiled import compiled
 
 WORST = 200
 """Cost of windows that have nothing in common; a perfect match costs 0."""
@@ -25,7 +26,7 @@ it is 0 (1/255): plain cloth has hardly any texture, but ends somewhere."""
 F = np.float32
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def cost_volume(
     first: np.ndarray,
     mask: np.ndarray,
@@ -118,7 +119,7 @@ def cost_volume(
     return volume
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _statistics(own: np.ndarray, mask: np.ndarray, radius: int, noise: np.float32) -> np.ndarray:
     """[3 + channel, h, w] of the window around each wanted pixel: 1 / number of wanted pixels, the noise in all of
     them, 1 / root of the summed squared deviation of all channels and the noise, and the mean of each channel."""
@@ -142,7 +143,7 @@ def _statistics(own: np.ndarray, mask: np.ndarray, radius: int, noise: np.float3
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _spans(
     mask: np.ndarray, guide: np.ndarray, low: np.ndarray, high: np.ndarray, offset: float, spans: np.ndarray
 ) -> None:
@@ -158,7 +159,7 @@ def _spans(
         spans[y] = (a, b) if a < b else (width, 0)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _widened(spans: np.ndarray, radius: int, wide: np.ndarray) -> None:
     """Fill wide [>= h, 2] with the columns of each row that windows in rows up to `radius` away are summed at."""
     height = spans.shape[0]
@@ -168,7 +169,7 @@ def _widened(spans: np.ndarray, radius: int, wide: np.ndarray) -> None:
             wide[y, 0], wide[y, 1] = min(wide[y, 0], spans[i, 0]), max(wide[y, 1], spans[i, 1])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _warp_row(
     other: np.ndarray,
     size: np.ndarray,
@@ -225,14 +226,14 @@ def _warp_row(
             row[i] = (top + t * (low - top)) * here[i]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _add(total: np.ndarray, values: np.ndarray) -> None:
     """One array [n] to another."""
     for i in range(len(total)):
         total[i] += values[i]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _sum_row(
     own: np.ndarray,
     y: int,
@@ -262,7 +263,7 @@ def _sum_row(
             _add(out[2, c, start:end], products[1, start + shift : end + shift])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _score_row(
     ring: np.ndarray,
     window: np.ndarray,
@@ -312,7 +313,7 @@ def _score_row(
         score[i] = found if visible[i] > F(0) else F(-1)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _combine(
     scores: np.ndarray, seen: np.ndarray, slot: int, span: tuple[int, int], keep: np.ndarray, costs: np.ndarray
 ) -> None:
@@ -342,7 +343,7 @@ def _combine(
         cost[i] = np.uint8(np.rint(F(WORST) * (F(1) - min(max(mean[i] / taken[i], F(0)), F(1)))))
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _put(
     costs: np.ndarray,
     mask: np.ndarray,

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.stages.matching.sampling import fill
 from posegaussian.storage.model.cameras import Rig, to_integer_centres
 
@@ -25,7 +25,7 @@ def transfer(rig: Rig, source: int, target: int) -> np.ndarray:
     return np.concatenate([to_k @ into[:3, :3] @ np.linalg.inv(from_k), to_k @ into[:3, 3:]], axis=1)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def fuse(
     depths: np.ndarray, errors: np.ndarray, focal_baselines: np.ndarray, consistency: float
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from posegaussian.stages.compiling.compiled import compiled
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def sample(values: np.ndarray, xs: np.ndarray, ys: np.ndarray, jump: float) -> np.ndarray:
     """Bilinear look-up of values [h, w] float32 at integer-centre positions [n, m], float32; 0 means unknown, in and
     out.
@@ -66,7 +67,7 @@ def beyond_silhouette(color: np.ndarray, inside: np.ndarray) -> np.ndarray:
     return extend(color, cv2.erode(inside.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def disagreement(depth: np.ndarray, other: np.ndarray, transfer: np.ndarray, focal_baseline: float) -> np.ndarray:
     """Px of disparity by which the depth map `other` of a second view contradicts `depth` [h, w]; infinite without a
     match.
@@ -95,7 +96,7 @@ def disagreement(depth: np.ndarray, other: np.ndarray, transfer: np.ndarray, foc
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _look(inverse: np.ndarray, mask: np.ndarray, i: int, j: int, di: int, dj: int) -> tuple[float, int]:
     """The first known value in a direction and its distance, without leaving the mask; (0, 1) where there is none."""
     steps = 1
@@ -107,7 +108,7 @@ def _look(inverse: np.ndarray, mask: np.ndarray, i: int, j: int, di: int, dj: in
     return 0.0, 1
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def fill(inverse: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """Inverse depth [h, w] with the gaps of the mask filled from the nearest known pixels left, right, above and below.
 

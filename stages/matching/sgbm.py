@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numba import njit
 
+from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.stages.geometry.projection import pixel_centres
 from posegaussian.stages.geometry.rectification import RectifiedPair, Window
 from posegaussian.stages.matching.bounds import Bounds
@@ -175,7 +175,7 @@ def _residual(
     return disparity[:, inner], steps[:, inner] >= smallest * SUBPIXEL
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _along(guide: np.ndarray, residual: np.ndarray) -> np.ndarray:
     """Disparity [h, w] of residuals [h, w] px along the guide's disparity [h, w]: r + D(x - r), D linear between
     pixels and level beyond the first and the last."""

@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numba import njit
 
+from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.stages.geometry.projection import rays
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.network.inference import FURTHEST, Learned
@@ -63,7 +63,7 @@ def held(rig: Rig, view: int, depth: np.ndarray, learned: Learned, silhouettes: 
     return replace(learned, inverse_depth=moved, confidence=less * learned.confidence, share=less * learned.share)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _kept(
     origin: np.ndarray,
     directions: np.ndarray,
@@ -90,7 +90,7 @@ def _kept(
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _first(
     step: float,
     last: float,
@@ -111,7 +111,7 @@ def _first(
     return 0.0
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _outside(z: float, start: np.ndarray, along: np.ndarray, distance: np.ndarray, sizes: np.ndarray) -> float:
     """Px by which a ray's point at depth z lies outside a silhouette, the most of the views that see it."""
     most = 0.0

@@ -21,8 +21,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numba import njit
 
+from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.stages.depth.algorithms.pose_prior import MARGIN
 from posegaussian.stages.geometry.consistency import SAME_SURFACE
 from posegaussian.stages.geometry.projection import rays
@@ -179,7 +179,7 @@ def _square(reach: int) -> np.ndarray:
     return np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _meeting(origin: np.ndarray, directions: np.ndarray, limbs: np.ndarray) -> np.ndarray:
     """[N] bool: which rays [N, 3] meet the flesh of a capsule."""
     met, near = np.zeros(len(directions), np.bool_), np.empty(len(limbs), np.int64)
@@ -188,7 +188,7 @@ def _meeting(origin: np.ndarray, directions: np.ndarray, limbs: np.ndarray) -> n
     return met
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _limbs_near(origin: np.ndarray, d: np.ndarray, limbs: np.ndarray, near: np.ndarray) -> int:
     """How many limbs have flesh on the line of a ray; the first of `near` [L] are filled with their indices.
 
@@ -220,7 +220,7 @@ def _limbs_near(origin: np.ndarray, d: np.ndarray, limbs: np.ndarray, near: np.n
     return count
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _in_limb(point: np.ndarray, limbs: np.ndarray, near: np.ndarray) -> bool:
     """Whether a point lies within the flesh of one of the capsules `near`."""
     for n in near:
@@ -238,7 +238,7 @@ def _in_limb(point: np.ndarray, limbs: np.ndarray, near: np.ndarray) -> bool:
     return False
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _pixel(point: np.ndarray, projection: np.ndarray, height: int, width: int) -> tuple[int, int, float]:
     """Row, column and depth of a point in a view; row -1 where it is not in the picture."""
     x, y, z = projection[0, 3], projection[1, 3], projection[2, 3]
@@ -254,7 +254,7 @@ def _pixel(point: np.ndarray, projection: np.ndarray, height: int, width: int) -
     return int(row), int(column), z
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _behind(
     origin: np.ndarray,
     directions: np.ndarray,
@@ -295,7 +295,7 @@ def _behind(
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _solid(point: np.ndarray, limbs: np.ndarray, near: np.ndarray, depth: np.ndarray, projections: np.ndarray) -> bool:
     """Whether a point is in one of the limbs `near` and no view sees through it."""
     if not _in_limb(point, limbs, near):
@@ -307,7 +307,7 @@ def _solid(point: np.ndarray, limbs: np.ndarray, near: np.ndarray, depth: np.nda
     return True
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _colored(
     point: np.ndarray,
     eye: np.ndarray,

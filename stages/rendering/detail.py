@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 import torch
-from numba import njit
 
+from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.stages.geometry.projection import rays
 from posegaussian.stages.imaging.part import part_around
 from posegaussian.stages.rendering.lift import GaussianMaps, positive
@@ -134,7 +134,7 @@ def detailed(
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _places(
     surface: np.ndarray,
     depth: np.ndarray,
@@ -174,7 +174,7 @@ def _places(
     return u, v, z, weights
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _add(total: np.ndarray, weights: np.ndarray, found: np.ndarray, seen: np.ndarray, weight: np.ndarray) -> None:
     """Add to total [h, w, 3] and weights [h, w] the colours [h, w, 3] that a source has found, where they are seen [h,
     w] bool, by their weight [h, w]."""
@@ -187,7 +187,7 @@ def _add(total: np.ndarray, weights: np.ndarray, found: np.ndarray, seen: np.nda
                     total[row, column, i] += w * found[row, column, i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _mix(color: np.ndarray, alpha: np.ndarray, total: np.ndarray, weights: np.ndarray) -> None:
     """Mix into color [h, w, 3], premultiplied by alpha [h, w], the mean of what was found, where there is any: colours
     total [h, w, 3] over weights [h, w]."""

@@ -8,8 +8,8 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import torch
-from numba import njit
 
+from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.stages.geometry.tangent_frame import tangents
 from posegaussian.stages.splatting.definition.scene import Camera, Gaussians
 from posegaussian.storage.model.cameras import Rig, points_from_integer_centres
@@ -298,7 +298,7 @@ def _to_world(pose: Pose, vector: Sequence[torch.Tensor]) -> torch.Tensor:
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@compiled(error_model="numpy", inline="always")
 def unit(x, y, z):  # type: ignore[no-untyped-def]
     """A normal at unit length, and its length; one without a length faces the camera."""
     length = np.sqrt(x * x + y * y + z * z)
@@ -307,7 +307,7 @@ def unit(x, y, z):  # type: ignore[no-untyped-def]
     return x / length, y / length, z / length, length
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@compiled(error_model="numpy", inline="always")
 def turn(cosine, sine):  # type: ignore[no-untyped-def]
     """A turn at unit length, and its length; one without a length is none."""
     length = np.sqrt(cosine * cosine + sine * sine)
@@ -316,7 +316,7 @@ def turn(cosine, sine):  # type: ignore[no-untyped-def]
     return cosine / length, sine / length, length
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def place(depth, normal, twist, x, y, starts, poses, mean, rotation):  # type: ignore[no-untyped-def]
     """Into mean [N, 3] and rotation [N, 3, 3] of Gaussians of several views' pixels, those of view v from starts[v] to
     starts[v + 1], poses [V, 3, 4]; others as `Pixels.lift` has them."""

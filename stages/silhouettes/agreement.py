@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.stages.geometry.projection import rays
 from posegaussian.stages.silhouettes.hull import Silhouettes
 from posegaussian.stages.silhouettes.march import (
@@ -115,7 +115,7 @@ def unexplained(rig: Rig, view: int, mask: np.ndarray, silhouettes: Silhouettes)
     return 1 - found.mean(axis=0)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _explained(
     origin: np.ndarray,
     directions: np.ndarray,

@@ -8,8 +8,8 @@ walked ray by ray.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.stages.silhouettes.hull import Silhouettes
 from posegaussian.stages.silhouettes.march import (
     MOST_POINTS,
@@ -95,7 +95,7 @@ def coverage(
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _inner(
     z: float,
     off: float,
@@ -140,7 +140,7 @@ def _inner(
     return (least, free) if seen >= min(WITNESSES, len(order)) else (-np.inf, 0.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _covered_around(
     origin: np.ndarray,
     directions: np.ndarray,
@@ -185,7 +185,7 @@ def _covered_around(
     return found, at
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _share(z: float, start: np.ndarray, along: np.ndarray, distance: np.ndarray, sizes: np.ndarray) -> float:
     """0..1: the least of what the masks that see a ray's point at depth z leave of it; 0 where too few do."""
     seen, share, count = 0, 1.0, start.shape[0]
@@ -199,7 +199,7 @@ def _share(z: float, start: np.ndarray, along: np.ndarray, distance: np.ndarray,
     return share if seen >= min(WITNESSES, count) else 0.0
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _coverage(
     origin: np.ndarray,
     directions: np.ndarray,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numba import njit
 
+from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.stages.imaging.part import part_around
 from posegaussian.storage.model.masks import FOREGROUND, foreground
 
@@ -27,7 +27,7 @@ def distance_to_foreground(mask: np.ndarray, size: np.ndarray) -> np.ndarray:
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _beside_soft(soft: np.ndarray, steps: np.ndarray, foreground_above: int, out: np.ndarray) -> None:
     """Fill out [h, w] with px outside a silhouette, from those to its nearest pixel, `steps` [h, w].
 

@@ -6,7 +6,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from posegaussian.stages.compiling.compiled import compiled
 
 WITNESSES = 2
 """Other views that must see a point of the hull, where there are as many."""
@@ -25,7 +26,7 @@ MOST_POINTS = 2**15
 scale than the scene would walk for ever."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@compiled(error_model="numpy", forceinline=True)
 def beside(
     z: float, v: int, start: np.ndarray, along: np.ndarray, distance: np.ndarray, sizes: np.ndarray
 ) -> tuple[float, float, float]:
@@ -51,7 +52,7 @@ def beside(
     return top + b * (low - top), min(min(x, y), min(right - x, bottom - y)), w
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@compiled(error_model="numpy", forceinline=True)
 def stride(px: float, ahead: float, w: float, v: int, along: np.ndarray, moves: np.ndarray) -> float:
     """By how much depth must grow (`ahead` 1) or fall (-1) until a ray's point, w in front of view v, has moved by px
     there: |z' - z| moves / (w w') with w' its distance then. inf where it never does."""
@@ -59,7 +60,7 @@ def stride(px: float, ahead: float, w: float, v: int, along: np.ndarray, moves: 
     return px * w * w / slower if slower > 0 else np.inf
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@compiled(error_model="numpy", forceinline=True)
 def _outside(
     z: float,
     ahead: float,
@@ -92,7 +93,7 @@ def _outside(
     return 0.0 if seen - against >= min(WITNESSES, len(order)) else 1e-9
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@compiled(error_model="numpy", forceinline=True)
 def _kept(constant: float, slope: float, z0: float, z1: float) -> tuple[float, float]:
     """The part of [z0, z1] where constant + slope z is not negative. Empty: (inf, -inf)."""
     low, high = constant + slope * z0, constant + slope * z1
@@ -101,7 +102,7 @@ def _kept(constant: float, slope: float, z0: float, z1: float) -> tuple[float, f
     return (z0, -constant / slope) if high < 0 else (z0, z1)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _part(
     start: np.ndarray, along: np.ndarray, v: int, x0: float, y0: float, x1: float, y1: float, z0: float, z1: float
 ) -> tuple[float, float]:
@@ -121,7 +122,7 @@ def _part(
     return z0, z1
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _witnessed(
     seen: np.ndarray, sides: int, middle: float, overruled: int, z0: float, z1: float
 ) -> tuple[float, float]:
@@ -148,7 +149,7 @@ def _witnessed(
     return max(z0, np.sort(seen[:sides, 0])[needed - 1]), min(z1, np.sort(seen[:sides, 1])[sides - needed])
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def watched(
     start: np.ndarray,
     along: np.ndarray,
@@ -169,7 +170,7 @@ def watched(
     return _witnessed(seen, sides, middle, overruled, z0, z1)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def clip_ray(
     start: np.ndarray,
     along: np.ndarray,
@@ -207,7 +208,7 @@ def clip_ray(
     return z0, z1
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _end(
     z: float,
     step: float,
@@ -243,7 +244,7 @@ def _end(
     return -1.0
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def march(
     origin: np.ndarray,
     directions: np.ndarray,
@@ -291,7 +292,7 @@ def march(
                 break
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def meets(
     origin: np.ndarray,
     directions: np.ndarray,
@@ -335,7 +336,7 @@ def meets(
             found[n], at = True, near + DEEPER * step
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def into_views(
     origin: np.ndarray, d: np.ndarray, projections: np.ndarray, start: np.ndarray, along: np.ndarray
 ) -> None:
@@ -347,7 +348,7 @@ def into_views(
             along[v, i] = p[0] * d[0] + p[1] * d[1] + p[2] * d[2]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def motion(start: np.ndarray, along: np.ndarray, moves: np.ndarray) -> None:
     """Fill moves [S]: between depths z and z', w and w' in front of a view, a ray's point moves by moves |z' - z| / (w
     w') px there."""
@@ -357,7 +358,7 @@ def motion(start: np.ndarray, along: np.ndarray, moves: np.ndarray) -> None:
         moves[v] = math.sqrt(across * across + down * down)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def in_sphere(to: np.ndarray, d: np.ndarray, radius: float) -> tuple[float, float]:
     """Depths at which a ray along d [3] enters and leaves a sphere, `to` [3] from the sphere's middle to the ray's
     origin; (1, 0) where it misses it."""
@@ -369,7 +370,7 @@ def in_sphere(to: np.ndarray, d: np.ndarray, radius: float) -> tuple[float, floa
     return max((-b - math.sqrt(inside)) / a, 1e-3), (-b + math.sqrt(inside)) / a
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def nearest_to(to: np.ndarray, d: np.ndarray) -> float:
     """Depth at which a ray along d [3] is nearest to a point, `to` [3] from there to the ray's origin."""
     return -(d[0] * to[0] + d[1] * to[1] + d[2] * to[2]) / (d[0] * d[0] + d[1] * d[1] + d[2] * d[2])

@@ -15,8 +15,8 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from numba import njit
 
+from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.stages.geometry.projection import rays
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.silhouettes.agreement import agreement
@@ -156,7 +156,7 @@ def single_carvers(silhouettes: Silhouettes, view: int, origin: np.ndarray, dire
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _give_up(
     origin: np.ndarray,
     directions: np.ndarray,

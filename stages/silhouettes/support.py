@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
+
+from posegaussian.stages.compiling.compiled import compiled
 
 WITNESSES = 2
 """Other views that must see a point for it to count as confirmed, where there are as many."""
@@ -48,7 +49,7 @@ def ray_support(
     return possible, confirmed
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _near(x: float, y: float, z: float, joints: np.ndarray) -> bool:
     for j in range(len(joints)):
         if (x - joints[j, 0]) ** 2 + (y - joints[j, 1]) ** 2 + (z - joints[j, 2]) ** 2 < NEAR**2:
@@ -56,7 +57,7 @@ def _near(x: float, y: float, z: float, joints: np.ndarray) -> bool:
     return len(joints) == 0
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _walk(
     possible: np.ndarray,
     seen: np.ndarray,

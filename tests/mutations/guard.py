@@ -58,7 +58,7 @@ class Guard:
     @property
     def compiled(self) -> bool:
         """Whether numba compiles anything of what is broken."""
-        return any("njit" in source for source in self.sources().values())
+        return any("@compiled" in source for source in self.sources().values())
 
 
 def guards_of(case: str) -> Callable[..., Guard]:

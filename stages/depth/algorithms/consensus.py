@@ -9,8 +9,8 @@ with its supporters (Merrell et al., "Real-time visibility-based fusion of depth
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.stages.depth.algorithms.scene import Geometry, Maps
 from posegaussian.stages.geometry.pairs import angle_at
 from posegaussian.stages.matching.bounds import inverse
@@ -64,7 +64,7 @@ def agreed(geometry: Geometry, maps: Maps, limits: Maps) -> Maps:
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _drawn(
     surface: np.ndarray, confidence: np.ndarray, into: np.ndarray, footprint: float, wanted: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -131,7 +131,7 @@ def _drawn(
     return out, trust
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _word(
     z: float, i: int, j: int, into: np.ndarray, surface: np.ndarray, confidence: np.ndarray, reach: float
 ) -> float:
@@ -160,7 +160,7 @@ def _word(
     return best if best > 0 or hidden else -through
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _weighed(
     own: np.ndarray,
     confidence: np.ndarray,

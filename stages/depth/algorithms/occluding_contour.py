@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numba import njit
 
+from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.stages.matching.fuse import HULL
 from posegaussian.storage.model.cameras import Rig
 
@@ -66,7 +66,7 @@ def turn_away(
     return np.where(turned != depth, np.clip(turned, near, far), depth).astype(np.float32), confidence
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _continued(
     depth: np.ndarray,
     measured: np.ndarray,
@@ -114,7 +114,7 @@ def _continued(
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _thickness(distance: np.ndarray, down: np.ndarray, right: np.ndarray, i: int, j: int, widest: float) -> float:
     """Half the thickness of the silhouette at a pixel of its rim, px: the largest distance on the way inwards."""
     thickness = 0.0
@@ -134,7 +134,7 @@ def _thickness(distance: np.ndarray, down: np.ndarray, right: np.ndarray, i: int
     return min(thickness, widest)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _height(distance: float, radius: float) -> float:
     """Height above the contour, px, of a round surface at a distance from the nearest background pixel's centre:
     half a px of it is not inside."""

@@ -12,8 +12,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.stages.geometry.projection import rays
 from posegaussian.stages.silhouettes.march import MOST_POINTS, into_views
 from posegaussian.storage.model.cameras import Rig, points_from_integer_centres, to_integer_centres
@@ -158,7 +158,7 @@ def _unexplained(rig: Rig, view: int, mask: np.ndarray, limbs: np.ndarray) -> np
     return cv2.dilate(alone, np.ones((3, 3), np.uint8)) > 0
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _covered(origin: np.ndarray, directions: np.ndarray, limbs: np.ndarray) -> np.ndarray:
     """[n] bool: whether rays [n, 3] meet a limb in front of the camera."""
     out = np.zeros(len(directions), np.bool_)
@@ -167,7 +167,7 @@ def _covered(origin: np.ndarray, directions: np.ndarray, limbs: np.ndarray) -> n
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _entry(start: float, origin: np.ndarray, d: np.ndarray, limbs: np.ndarray) -> float:
     """Depth, at least `start`, of the first point of a ray that is in a limb; infinite where there is none."""
     first = np.inf
@@ -178,7 +178,7 @@ def _entry(start: float, origin: np.ndarray, d: np.ndarray, limbs: np.ndarray) -
     return first
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _through(origin: np.ndarray, d: np.ndarray, limb: np.ndarray) -> tuple[float, float]:
     """Depths at which the ray origin + depth * d enters and leaves a capsule; (inf, -inf) where it misses it.
 
@@ -222,7 +222,7 @@ def _through(origin: np.ndarray, d: np.ndarray, limb: np.ndarray) -> tuple[float
     return low, high
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _moved(
     near: np.ndarray,
     far: np.ndarray,
@@ -253,7 +253,7 @@ def _moved(
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _alone(z: float, start: np.ndarray, along: np.ndarray, unexplained: np.ndarray) -> bool:
     """Whether a view sees a ray's point at depth z in a pixel of its silhouette that no limb explains."""
     for v in range(start.shape[0]):

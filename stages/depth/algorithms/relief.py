@@ -17,8 +17,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.storage.model.masks import foreground
 
 THICKNESS = 0.11
@@ -86,7 +86,7 @@ def _solve(inside: np.ndarray, unseen: np.ndarray, width: float) -> np.ndarray:
     return np.maximum(u, 0.0)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _relax(u: np.ndarray, at: np.ndarray, share: np.ndarray, row: int, relaxation: float, sweeps: int) -> None:
     """Successive over-relaxation of u [n] at the pixels `at` [m]; a pixel is its neighbours' sum and the bulge's 2,
     times its `share` [m].

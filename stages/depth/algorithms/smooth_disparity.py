@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.stages.matching.bounds import inverse
 
 RADIUS = 2
@@ -32,7 +32,7 @@ def even(depth: np.ndarray, pixel: float, tolerance: float) -> np.ndarray:
     return inverse(_even(inverse(depth), np.float32(JUMP * pixel), np.float32(1 / (tolerance * pixel))))
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _even(surface: np.ndarray, jump: np.float32, sharpness: np.float32) -> np.ndarray:
     height, width = surface.shape
     out = np.zeros_like(surface)

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.stages.rendering.lift import Pixels, place, turn, unit
 
 
@@ -69,7 +69,7 @@ class Rays:
         return by_depth, by_normal, by_twist, by_shift
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _shift(shift, x, y, pitch, starts, shifted_x, shifted_y):  # type: ignore[no-untyped-def]
     """As `Rays.shifted`, into the last two."""
     for view in range(len(pitch)):
@@ -78,7 +78,7 @@ def _shift(shift, x, y, pitch, starts, shifted_x, shifted_y):  # type: ignore[no
             shifted_y[n] = y[n] + pitch[view, 2] * shift[1, n]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _slopes(  # type: ignore[no-untyped-def]
     depth, normal, twist, x, y, pitch, starts, poses, by_mean, by_rotation, by_depth, by_normal, by_twist, by_shift
 ):

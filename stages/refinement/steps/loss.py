@@ -7,8 +7,8 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.stages.refinement.steps.structure import Moments, around, structure
 from posegaussian.stages.splatting.definition.scene import Camera
 
@@ -75,7 +75,7 @@ def weighed(color: np.ndarray, alpha: np.ndarray, filmed: Filmed, weight: np.nda
     return Loss(value + more, by_color, by_alpha)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _absolute(x, y, alpha, cover, weight, coverage, slope):  # type: ignore[no-untyped-def]
     """The absolute differences' share of the value, and their slope by alpha [h, w]; that by colours is added to
     `slope`, [h, 3 w] as x and y are, channels side by side."""

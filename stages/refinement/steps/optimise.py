@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import torch
-from numba import njit
 
+from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.stages.refinement.steps.attributes import Offsets, SharedGaussians, ViewGaussians
 from posegaussian.stages.refinement.steps.loss import Filmed, loss
 from posegaussian.stages.splatting.definition.scene import Camera, Gaussians
@@ -159,7 +159,7 @@ class _Adam:
         self.gaussians.confine()
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def move(values, slopes, mean, square, rate, unbiased):  # type: ignore[no-untyped-def]
     """Move values [C, N] by Adam, and the running means of their slopes and of these squared, all float32 and in place;
     returns how many slopes are not finite, which count as 0."""

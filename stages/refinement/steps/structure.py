@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numba import njit
 
+from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.stages.imaging.part import part_around
 
 WINDOW, SIGMA = 11, 1.5
@@ -57,7 +57,7 @@ def around(wanted: np.ndarray) -> tuple[slice, slice]:
     return part_around(wanted, WINDOW) if wanted.any() else (slice(0, 1), slice(0, 1))
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _blurred(values):  # type: ignore[no-untyped-def]
     """Values [h, n] under the window, channels side by side."""
     out, row = np.empty_like(values), np.zeros(values.shape[1] + 2 * EDGE, np.float32)
@@ -66,7 +66,7 @@ def _blurred(values):  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _blur_row(values, i, row, out):  # type: ignore[no-untyped-def]
     """Row `i` of values [h, n] under the window into `out` [n]. `row` [n + 2 EDGE] is lent, its edges are 0."""
     h, n = values.shape
@@ -98,7 +98,7 @@ def _blur_row(values, i, row, out):  # type: ignore[no-untyped-def]
         )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _missed(x, y, my, myy, weight, share):  # type: ignore[no-untyped-def]
     """What is missed in all, and what it changes by with the window's mean, its squares and its products: all [h, n]
     float32, channels side by side, so that a processor takes many at a time; weight [h, n / 3]."""
@@ -135,7 +135,7 @@ def _missed(x, y, my, myy, weight, share):  # type: ignore[no-untyped-def]
     return missed.sum(), by_mean, by_square, by_product
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _gathered(by_mean, by_square, by_product, x, y):  # type: ignore[no-untyped-def]
     """The slope [h, n] by every pixel, of the windows it lies in."""
     slope, (h, n) = np.empty_like(x), x.shape

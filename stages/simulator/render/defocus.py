@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from posegaussian.stages.compiling.compiled import compiled
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def spread(light: np.ndarray, radius: np.ndarray) -> np.ndarray:
     """[h, w, 3] float32: each pixel is the mean of the neighbours whose discs reach it, each by its disc's density.
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.stages.simulator.render.mesh import Mesh
 from posegaussian.stages.simulator.render.raster import shares
 
@@ -31,7 +31,7 @@ def flat_textures(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     )
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _texel(texels: np.ndarray, start: int, width: int, height: int, u: float, v: float, out: np.ndarray) -> None:
     """Bilinear look-up; u to the right, v upwards, 0..1; the border is repeated."""
     x, y = u * width - 0.5, (1.0 - v) * height - 0.5
@@ -45,7 +45,7 @@ def _texel(texels: np.ndarray, start: int, width: int, height: int, u: float, v:
         out[k] = (1.0 - fy) * top + fy * low
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def shade(
     index: np.ndarray,
     p: np.ndarray,
@@ -150,7 +150,7 @@ SRGB = np.where(_FINE <= 0.0031308, 12.92 * _FINE, 1.055 * np.power(_FINE, 1 / 2
 """sRGB of 8193 evenly spaced amounts of light; read between them linearly it is off by less than 1e-5."""
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def averaged(
     light: np.ndarray, index: np.ndarray, own: int, samples: int, table: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
+
+from posegaussian.stages.compiling.compiled import compiled
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,7 @@ class Mesh:
     """[V] metres of loose cloth under the vertex: how far it may lag behind; 0 = skin."""
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def skin(vertices: np.ndarray, bones: np.ndarray, weights: np.ndarray, motion: np.ndarray) -> np.ndarray:
     """[V, 3] vertices in the world by linear blend skinning: sum_k w_k (R_k x + t_k).
     motion [B, 4, 4] rest to world."""

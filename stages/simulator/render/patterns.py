@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.stages.simulator.render.raster import rasterize, shares
 from posegaussian.stages.simulator.render.texture import noise
 
@@ -18,14 +18,14 @@ PLAIN, STRIPES, CHECKS, DOTS, CAMOUFLAGE, FLORAL, DENIM, SKIN, HAIR, EYE, PRINT 
 PATTERNS = ("plain", "stripes", "checks", "dots", "camouflage", "floral", "denim", "skin", "hair", "eye", "print")
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _step(x: float, at: float, width: float) -> float:
     """0 below, 1 above `at`, smooth over `width`."""
     t = min(1.0, max(0.0, (x - at) / width + 0.5))
     return t * t * (3.0 - 2.0 * t)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _octaves(x: float, y: float, z: float, cell: float) -> float:
     """Noise of three scales, the coarsest with cells of `cell` metres; about -1..1."""
     a = noise(x / cell, y / cell, z / cell) - 0.5
@@ -34,14 +34,14 @@ def _octaves(x: float, y: float, z: float, cell: float) -> float:
     return 1.1 * a + 0.6 * b + 0.3 * c
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _band(x: float, period: float, share: float) -> float:
     """1 inside the bands that take `share` of every period, 0 outside; edges 3 mm soft."""
     t = abs(x / period - math.floor(x / period) - 0.5) * period
     return 1.0 - _step(t, 0.5 * share * period, 0.003)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _print(x: float, y: float, z: float, scale: float) -> tuple[float, float, float]:
     """A printed picture with the statistics of photographs: opaque leaves of all sizes, the nearer over the farther
     (dead leaves; Lee, Mumford and Huang, IJCV 2001), each with a tone and a gradient of its own."""
@@ -71,7 +71,7 @@ def _print(x: float, y: float, z: float, scale: float) -> tuple[float, float, fl
     return second, third, bright + left
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _weights(pattern: int, x: float, y: float, z: float, scale: float) -> tuple[float, float, float]:
     """Shares of the second and third colour, and a factor of brightness."""
     fine = 1.0 + 0.10 * _octaves(x, y, z, 0.025) + 0.05 * (noise(x / 0.006, y / 0.006, z / 0.006) - 0.5)
@@ -104,7 +104,7 @@ def _weights(pattern: int, x: float, y: float, z: float, scale: float) -> tuple[
     return 0.0, 0.0, fine
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _face(x: float, y: float, z: float, marks: np.ndarray) -> tuple[float, float, float]:
     """Shares of blush, lips and brows on skin; marks [4, 3]: nose, left eye, right eye, and (1 / size, 0, 0)."""
     s = marks[3, 0]
@@ -126,7 +126,7 @@ def _face(x: float, y: float, z: float, marks: np.ndarray) -> tuple[float, float
     return cheeks, lips, brows
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def paint(
     pattern: int,
     colors: np.ndarray,
@@ -176,7 +176,7 @@ def paint(
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _spread(picture: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Fill texels outside every triangle from their neighbours, one ring,
     so that filtering at a border mixes nothing foreign."""

@@ -12,13 +12,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from posegaussian.stages.compiling.compiled import compiled
 
 NEAR = 0.05
 """Metres before the camera within which nothing is drawn."""
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _edge(p: np.ndarray, a: int, b: int, x: float, y: float) -> float:
     """Twice the signed area of (a, b, (x, y)); exactly the negative of the same edge walked the other way."""
     if a < b:
@@ -26,7 +27,7 @@ def _edge(p: np.ndarray, a: int, b: int, x: float, y: float) -> float:
     return -((p[a, 0] - p[b, 0]) * (y - p[b, 1]) - (p[a, 1] - p[b, 1]) * (x - p[b, 0]))
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def shares(p: np.ndarray, tri: np.ndarray, x: float, y: float) -> tuple[float, float, float]:
     """Perspective-correct shares of a triangle's corners at a point of the picture; they sum to 1.
 
@@ -38,7 +39,7 @@ def shares(p: np.ndarray, tri: np.ndarray, x: float, y: float) -> tuple[float, f
     return a / s, b / s, c / s
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _before(a: np.ndarray, b: np.ndarray) -> bool:
     """Whether triangle a comes before b by its vertex indices."""
     for k in range(3):
@@ -47,7 +48,7 @@ def _before(a: np.ndarray, b: np.ndarray) -> bool:
     return False
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def rasterize(p: np.ndarray, tris: np.ndarray, width: int, height: int, samples: int) -> tuple[np.ndarray, np.ndarray]:
     """Depth [h S, w S] float64 (inf = none) and index [h S, w S] int32 (-1 = none) of the first triangle at every
     sample.
@@ -86,7 +87,7 @@ def rasterize(p: np.ndarray, tris: np.ndarray, width: int, height: int, samples:
     return depth, index
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def vertex_normals(vertices: np.ndarray, tris: np.ndarray) -> np.ndarray:
     """[V, 3] unit normals: the area-weighted mean of the triangles around each vertex;
     (0, 0, 1) where there is none."""
@@ -109,7 +110,7 @@ def vertex_normals(vertices: np.ndarray, tris: np.ndarray) -> np.ndarray:
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def flat_normals(camera: np.ndarray, tris: np.ndarray, index: np.ndarray) -> np.ndarray:
     """[h, w, 3] float32 unit normals of the triangles seen, in camera axes and facing the camera; 0 where there is
     none.

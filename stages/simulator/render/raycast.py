@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from posegaussian.stages.compiling.compiled import compiled
 
 ELLIPSOID = 0
 """Geometry: centre (3), semi-axes along the rest frame's axes (3)."""
@@ -18,7 +19,7 @@ ROUND_CONE = 1
 NO_HIT = np.inf
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def ellipsoid_hit(o: np.ndarray, d: np.ndarray, g: np.ndarray) -> float:
     """Parameter at which the ray o + t d enters an ellipsoid, or inf; the quadratic of the scaled unit ball."""
     dd = od = oo = 0.0
@@ -34,7 +35,7 @@ def ellipsoid_hit(o: np.ndarray, d: np.ndarray, g: np.ndarray) -> float:
     return t if t > 0.0 else np.inf
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _ball_entry(dd: float, od: float, oo: float, radius: float) -> float:
     h = od * od - dd * (oo - radius * radius)
     if h < 0.0:
@@ -43,7 +44,7 @@ def _ball_entry(dd: float, od: float, oo: float, radius: float) -> float:
     return t if t > 0.0 else np.inf
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def round_cone_hit(o: np.ndarray, d: np.ndarray, g: np.ndarray) -> float:
     """Parameter at which the ray o + t d enters a round cone, or inf.
 
@@ -84,7 +85,7 @@ def round_cone_hit(o: np.ndarray, d: np.ndarray, g: np.ndarray) -> float:
     return best
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def normal_at(kind: int, p: np.ndarray, g: np.ndarray, out: np.ndarray) -> None:
     """Outward unit normal [3] of a primitive at a surface point p, in the rest frame, written to `out`."""
     if kind == ELLIPSOID:
@@ -103,7 +104,7 @@ def normal_at(kind: int, p: np.ndarray, g: np.ndarray, out: np.ndarray) -> None:
         out[k] /= norm
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _grow(box: np.ndarray, centre: np.ndarray, ex: float, ey: float, ez: float) -> None:
     near, far = centre[2] - ez, centre[2] + ez
     if near <= 1e-6:
@@ -116,7 +117,7 @@ def _grow(box: np.ndarray, centre: np.ndarray, ex: float, ey: float, ez: float) 
         box[2 + axis] = max(box[2 + axis], high / near, high / far)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _carried(rotation: np.ndarray, point: np.ndarray, shift: np.ndarray) -> np.ndarray:
     """R x + t by hand: numba's own matrix product wants SciPy."""
     out = shift.copy()
@@ -126,7 +127,7 @@ def _carried(rotation: np.ndarray, point: np.ndarray, shift: np.ndarray) -> np.n
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def bounds(kind: int, g: np.ndarray, to_camera: np.ndarray, shift: np.ndarray) -> np.ndarray:
     """[4] (x0, y0, x1, y1) in normalised picture coordinates that hold the whole primitive; infinite when it is not in
     front.
@@ -146,13 +147,13 @@ def bounds(kind: int, g: np.ndarray, to_camera: np.ndarray, shift: np.ndarray) -
     return box
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _samples(low: float, high: float, focal: float, principal: float, sub: int, length: int) -> tuple[int, int]:
     first, last = (focal * low + principal) * sub - 1.5, (focal * high + principal) * sub + 0.5
     return int(max(0.0, min(first, float(length)))), int(max(0.0, min(last + 1.0, float(length))))
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def cast(
     kinds: np.ndarray,
     geometry: np.ndarray,

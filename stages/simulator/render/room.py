@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.stages.simulator.render.texture import noise
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def room_light(centre: np.ndarray, directions: np.ndarray, side: float, ceiling: float) -> np.ndarray:
     """[h, w, 3] float32 linear light of the room's inside along rays;
     directions [h, w, 3] in the world, centre [3] inside."""

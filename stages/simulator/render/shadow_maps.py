@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.stages.simulator.render.raster import rasterize
 
 _FAR = 200.0
@@ -35,7 +35,7 @@ def reached(vertices: np.ndarray, normals: np.ndarray, tris: np.ndarray, towards
     return _compared(np.column_stack([(out[:, :2] - low) * scale - 0.5, out[:, 2] + _FAR - SLACK]), depth)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _compared(points: np.ndarray, depth: np.ndarray) -> np.ndarray:
     """[V] share of the four texels around each point (x, y, z) that are not in front of it, bilinear."""
     size = len(depth)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.stages.simulator.render.raycast import normal_at
 
 SKIN, HAIR, SHIRT, TROUSERS, SHOES = range(5)
@@ -28,7 +28,7 @@ EYES = np.array([[0.097, 0.034, 1.635], [0.097, -0.034, 1.635]])
 MOUTH_HEIGHT = 1.565
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _hash(x: int, y: int, z: int) -> float:
     """Uniform [0, 1) from lattice coordinates: a 32 bit integer mix, equal on every machine."""
     h = (x * 374761393 + y * 668265263 + z * 2147483647 + 1274126177) & 0xFFFFFFFF
@@ -37,7 +37,7 @@ def _hash(x: int, y: int, z: int) -> float:
     return ((h ^ (h >> 16)) & 0xFFFFFF) / 16777216.0
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def noise(x: float, y: float, z: float) -> float:
     """Smooth value noise in [0, 1] with unit cells: lattice values blended by 3t² - 2t³."""
     i, j, k = math.floor(x), math.floor(y), math.floor(z)
@@ -52,7 +52,7 @@ def noise(x: float, y: float, z: float) -> float:
     return total
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def fabric(p: np.ndarray, material: int) -> float:
     """Octaves of noise at a rest point, [-1, 1] around 0; each material has its own pattern."""
     value = 0.0
@@ -65,13 +65,13 @@ def fabric(p: np.ndarray, material: int) -> float:
     return min(max(5.0 * value, -1.0), 1.0)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _step(edge: float, width: float, x: float) -> float:
     t = min(max((x - edge) / width + 0.5, 0.0), 1.0)
     return t * t * (3.0 - 2.0 * t)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def albedo(p: np.ndarray, material: int, out: np.ndarray) -> None:
     """Colour [3] in 0..1 (sRGB) of a point of the body at rest, written to `out`."""
     value = fabric(p, material)
@@ -89,7 +89,7 @@ def albedo(p: np.ndarray, material: int, out: np.ndarray) -> None:
         out[c] = min(max(out[c], 0.02), 1.0)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _face(p: np.ndarray, out: np.ndarray) -> None:
     for n in range(2):
         dy, dz = p[1] - EYES[n, 1], p[2] - EYES[n, 2]
@@ -106,7 +106,7 @@ def _face(p: np.ndarray, out: np.ndarray) -> None:
     out[2] += lips * (0.24 - out[2])
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def light(n: np.ndarray) -> float:
     """Lambert shading of a unit world normal [3] under fixed lights, 0..1: the same from every camera."""
     total = AMBIENT
@@ -115,7 +115,7 @@ def light(n: np.ndarray) -> float:
     return min(total, 1.0)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def shade(
     depth: np.ndarray,
     hit: np.ndarray,

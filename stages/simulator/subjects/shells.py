@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.stages.simulator.render.mesh import Mesh, Texture, clipped
 from posegaussian.stages.simulator.render.patterns import PATTERNS, texture
 from posegaussian.stages.simulator.render.raster import vertex_normals
@@ -55,7 +55,7 @@ def noise_at(points: np.ndarray, cell: float, shift: float) -> np.ndarray:
     return _noises(points / cell, shift) - 0.5
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _noises(points: np.ndarray, shift: float) -> np.ndarray:
     out = np.empty(len(points))
     for n in range(len(points)):

@@ -7,8 +7,6 @@ tiles; no two write to the same place and every sum has a fixed order, so the re
 
 from __future__ import annotations
 
-import contextlib
-import hashlib
 import logging
 import math
 import threading
@@ -23,7 +21,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from posegaussian.stages.splatting.cpu import composite, projection, projection_backward, simd
+from posegaussian.stages.splatting.cpu import composite, projection, projection_backward
 from posegaussian.stages.splatting.cpu import tiles as cpu_tiles
 from posegaussian.stages.splatting.cpu.composite import BLOCKS, PLACES
 from posegaussian.stages.splatting.cpu.projection import BLOCK, CAMERA_GRADIENTS, REACHES, RECORD, SLOT, VIEW
@@ -374,25 +372,6 @@ def flat(values: torch.Tensor) -> np.ndarray:
     return values.detach().contiguous().numpy().reshape(-1)
 
 
-def forget_stale_kernels(folder: Path) -> None:
-    """Delete compiled kernels in numba's cache folder that were made from other sources.
-
-    numba notices only when the file of a kernel itself has changed, not when one has whose functions it inlines. A note
-    beside the cache holds the digest of all of them; where the folder cannot be written, numba keeps its cache
-    elsewhere.
-    """
-    sources = [Path(str(m.__file__)) for m in (composite, projection, projection_backward, cpu_tiles, simd)]
-    digest = hashlib.sha256(b"".join(p.read_bytes() for p in sources)).hexdigest()
-    note = folder / "renderer.digest"
-    if note.is_file() and note.read_text() == digest:
-        return
-    with contextlib.suppress(OSError):  # a read-only installation, or another process that does the same
-        for stale in [f for p in sources for f in folder.glob(f"{p.stem}.*.nb[ic]")]:
-            stale.unlink(missing_ok=True)
-        folder.mkdir(parents=True, exist_ok=True)
-        note.write_text(digest)
-
-
 @cache
 def announce(folder: Path) -> None:
     """Say, once a process and only where nothing is compiled yet, that the first picture takes longer."""
@@ -412,6 +391,3 @@ def render(
     ]
     picture, alpha, masked = _Rasterize.apply(*(getattr(gaussians, name) for name in ATTRIBUTES), *cameras, task)
     return picture, alpha, int(masked)
-
-
-forget_stale_kernels(CACHE)

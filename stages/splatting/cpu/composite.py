@@ -12,14 +12,13 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.stages.splatting.cpu.projection import (
     ACROSS,
     BOX_X,
     BOX_Y,
     DOWN,
-    KERNEL,
     LIFT,
     RECORD,
     RED,
@@ -68,7 +67,7 @@ without it compositing takes twice as long."""
 NEVER = np.float32(3e38)
 
 
-@njit(**KERNEL)
+@compiled(error_model="numpy")
 def _reached(bits: Any, r: int, left: int, top: int) -> Any:
     """Blocks of the tile at (left, top) px that the record's box reaches."""
     x, y = bits[r + BOX_X], bits[r + BOX_Y]
@@ -82,7 +81,7 @@ def _reached(bits: Any, r: int, left: int, top: int) -> Any:
     )
 
 
-@njit(**KERNEL)
+@compiled(error_model="numpy")
 def _whitened(records: Any, places: Any, r: int, left: int, top: int) -> Any:
     """(across, -slope across, down, t, p) of a Gaussian: t and p at the pixels of the tile's first block."""
     across, down = spread(records, r + ACROSS), spread(records, r + DOWN)
@@ -92,7 +91,7 @@ def _whitened(records: Any, places: Any, r: int, left: int, top: int) -> Any:
     return across, lean, down, fma(y, lean, x * across), y * down
 
 
-@njit(**KERNEL)
+@compiled(error_model="numpy")
 def _exponent(places: Any, k: int, g: Any, lift: Any) -> Any:
     """(t, p, t² + p² + lift) at the pixels of block k."""
     x, y = spread(places, k), spread(places, BLOCKS + k)
@@ -106,7 +105,7 @@ def forward(channels: int, training: bool) -> Callable[..., None]:
     with `training` it notes where each pixel stopped."""
     state_size = WIDTH * (1 + channels)
 
-    @njit(**KERNEL)
+    @compiled(error_model="numpy")
     def composite(
         records: Any,
         bits: Any,
@@ -205,7 +204,7 @@ def backward(channels: int) -> Callable[..., None]:
     state_size = WIDTH * (3 + channels + 1)
     light_at, behind_at, end_at, up_at = 0, WIDTH, 2 * WIDTH, 3 * WIDTH
 
-    @njit(**KERNEL)
+    @compiled(error_model="numpy")
     def composite_backward(
         records: Any, order: Any, slots: Any, starts: Any, places: Any, cuts: Any, first: int, stop: int, across: int,
         width: int, height: int,

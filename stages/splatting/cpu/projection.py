@@ -11,8 +11,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.stages.splatting.cpu.simd import (
     WIDTH,
     both,
@@ -57,10 +57,9 @@ TWO_LN2 = float(2 * np.log(2))
 BLOCK = 4096
 """Gaussians whose camera gradients are summed in float32 before they enter a float64 sum:
 fixed, whatever the threads do."""
-KERNEL: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 
 
-@njit(**KERNEL)
+@compiled(error_model="numpy")
 def _row(view: Any, i: int, j: int, r: Any, a: int) -> Any:
     """Product of row i of the world-to-camera rotation with lanes a, a + j,
     a + 2j of a 3x3 set r, which is given by nine lanes."""
@@ -71,30 +70,30 @@ def _row(view: Any, i: int, j: int, r: Any, a: int) -> Any:
     )
 
 
-@njit(**KERNEL)
+@compiled(error_model="numpy")
 def _three(array: Any, at: int) -> Any:
     """Lanes of three consecutive columns of an [N, 3] array."""
     return gather(array, at, 3), gather(array, at + 1, 3), gather(array, at + 2, 3)
 
 
-@njit(**KERNEL)
+@compiled(error_model="numpy")
 def _nine(array: Any, at: int) -> Any:
     """Lanes of nine consecutive columns of an [N, 9] array."""
     r = load_rows(array, at, 9)
     return r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], gather(array, at + 8, 9)
 
 
-@njit(**KERNEL)
+@compiled(error_model="numpy")
 def _dot(a: Any, b: Any) -> Any:
     return fma(a[0], b[0], fma(a[1], b[1], a[2] * b[2]))
 
 
-@njit(**KERNEL)
+@compiled(error_model="numpy")
 def _cross(a: Any, b: Any) -> Any:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@njit(**KERNEL)
+@compiled(error_model="numpy")
 def _in_camera(view: Any, m: Any) -> Any:
     """x, y, z of means in camera axes, metres: products and sums rounded one by one, in the reference's order.
 
@@ -108,7 +107,7 @@ def _in_camera(view: Any, m: Any) -> Any:
     )
 
 
-@njit(**KERNEL)
+@compiled(error_model="numpy")
 def _jacobian(view: Any, xz: Any, yz: Any, zi: Any) -> Any:
     """Two rows of J W in the world, px per metre."""
     fx, skew, fy = spread(view, FX), spread(view, SKEW), spread(view, FY)
@@ -127,7 +126,7 @@ def _jacobian(view: Any, xz: Any, yz: Any, zi: Any) -> Any:
     return first, second
 
 
-@njit(**KERNEL)
+@compiled(error_model="numpy")
 def _across_axes(j: Any, r: Any) -> Any:
     """Row vector times the 3x3 rotation: one component an axis of the Gaussian."""
     return (
@@ -137,12 +136,12 @@ def _across_axes(j: Any, r: Any) -> Any:
     )
 
 
-@njit(**KERNEL)
+@compiled(error_model="numpy")
 def _scaled(a: Any, s: Any) -> Any:
     return a[0] * s[0], a[1] * s[1], a[2] * s[2]
 
 
-@njit(**KERNEL)
+@compiled(error_model="numpy")
 def _covariance(view: Any, m0: Any, m1: Any) -> Any:
     """(a, b, c, det, det before the low pass, M0 x M1) of the projection, px^2 and px^4."""
     low = spread(view, LOW_PASS)
@@ -152,21 +151,21 @@ def _covariance(view: Any, m0: Any, m1: Any) -> Any:
     return a + low, b, c + low, fma(low, (a + c) + low, sharp), sharp, n
 
 
-@njit(**KERNEL)
+@compiled(error_model="numpy")
 def _compensation(view: Any, sharp: Any, det: Any) -> Any:
     """Opacity's factor sqrt(det / det with the low pass), bounded below; 1 where it is off."""
     factor = greatest(root(sharp / det), spread(view, COMPENSATION_MIN))
     return choose(spread(view, COMPENSATED) > splat(0.0), factor, splat(1.0))
 
 
-@njit(**KERNEL)
+@compiled(error_model="numpy")
 def _clamped(view: Any, xz: Any, yz: Any) -> Any:
     return least(greatest(xz, spread(view, LEFT)), spread(view, RIGHT)), least(
         greatest(yz, spread(view, TOP)), spread(view, BOTTOM)
     )
 
 
-@njit(**KERNEL)
+@compiled(error_model="numpy")
 def _finite(m: Any, r: Any, s: Any, o: Any, c: Any) -> Any:
     """Where every attribute is a finite number: nothing times 0 but what is not finite differs from 0."""
     zero = splat(0.0)
@@ -178,7 +177,7 @@ def _finite(m: Any, r: Any, s: Any, o: Any, c: Any) -> Any:
     return t == zero
 
 
-@njit(**KERNEL)
+@compiled(error_model="numpy")
 def project(
     mean: Any,
     rotation: Any,

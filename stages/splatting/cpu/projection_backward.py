@@ -11,8 +11,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.stages.splatting.cpu.projection import (
     CAMERA_GRADIENTS,
     COMPENSATED,
@@ -22,7 +22,6 @@ from posegaussian.stages.splatting.cpu.projection import (
     D_NORMAL,
     FX,
     FY,
-    KERNEL,
     LOW_PASS,
     MASS,
     MP,
@@ -69,7 +68,7 @@ LARGEST = 1e30
 """A camera's gradient is a sum over BLOCK Gaussians in float32: larger terms are left out and counted."""
 
 
-@njit(**KERNEL)
+@compiled(error_model="numpy")
 def gather_slots(bases: Any, slots: Any, first: int, stop: int, total: Any) -> None:
     """Total [8, SLOT] = sums of the gradient slots of up to 8 Gaussians first..stop, in the order of their tiles; 0
     for the others."""
@@ -82,7 +81,7 @@ def gather_slots(bases: Any, slots: Any, first: int, stop: int, total: Any) -> N
         store(total, i * SLOT + WIDTH, high)
 
 
-@njit(**KERNEL)
+@compiled(error_model="numpy")
 def _rotation_row(p: Any, q: Any, w: Any, e0: Any, e1: Any, dn: Any, hit: Any) -> Any:
     """Gradients of a row of the rotation: p and q of J W, w of the camera's rotation."""
     zero = splat(0.0)
@@ -93,7 +92,7 @@ def _rotation_row(p: Any, q: Any, w: Any, e0: Any, e1: Any, dn: Any, hit: Any) -
     )
 
 
-@njit(**KERNEL)
+@compiled(error_model="numpy")
 def _overflowed(
     to: int, count: int, bad: Any, d_mean: Any, d_rotation: Any, d_scale: Any, d_opacity: Any, d_color: Any
 ) -> int:
@@ -130,7 +129,7 @@ def _overflowed(
     return found
 
 
-@njit(**KERNEL)
+@compiled(error_model="numpy")
 def project_backward(
     mean: Any, rotation: Any, scale: Any, opacity: Any, view: Any, bases: Any, slots: Any, channels: int, source: int,
     first: int, stop: int,

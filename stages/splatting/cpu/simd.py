@@ -2,7 +2,7 @@
 
 numba has no vector type, and LLVM's own vectorizer gives up on short loops over arrays that might overlap (five times
 slower here). `lanes` and `mask` are LLVM vectors with the few operations the renderer needs; LLVM lowers them to what
-the machine has (two halves without AVX). They exist only inside `njit` functions. Nothing checks a bound.
+the machine has (two halves without AVX). They exist only inside compiled functions. Nothing checks a bound.
 """
 
 from __future__ import annotations

@@ -11,9 +11,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-from posegaussian.stages.splatting.cpu.projection import ACROSS, DOWN, KERNEL, LIFT, REACHES, RECORD, SLOPE, U, V
+from posegaussian.stages.compiling.compiled import compiled
+from posegaussian.stages.splatting.cpu.projection import ACROSS, DOWN, LIFT, REACHES, RECORD, SLOPE, U, V
 from posegaussian.storage.model.cameras import PIXEL_CENTRE
 
 TILE_X, TILE_Y = 32, 16
@@ -27,7 +27,7 @@ RADIX = 8
 """Bits of a digit and most digits: a tile's list is some hundred long, and the histogram must not outweigh it."""
 
 
-@njit(**KERNEL)
+@compiled(error_model="numpy")
 def _columns(records: Any, r: int, row: int, x0: int, x1: int, reach: float) -> tuple[int, int]:
     """First and last tile of a row of tiles that the ellipse inside which alpha >= alpha_min reaches (last < first:
     none).
@@ -51,14 +51,14 @@ def _columns(records: Any, r: int, row: int, x0: int, x1: int, reach: float) -> 
     return max(first, x0), min(last, x1)
 
 
-@njit(**KERNEL)
+@compiled(error_model="numpy")
 def _box(reaches: Any, i: int) -> tuple[int, int, int, int]:
     """Tiles (first column, last column, first row, last row) of a Gaussian's box."""
     x, y = reaches[REACHES * i], reaches[REACHES * i + 1]
     return (x & 0xFFFF) // TILE_X, (x >> 16) // TILE_X, (y & 0xFFFF) // TILE_Y, (y >> 16) // TILE_Y
 
 
-@njit(**KERNEL)
+@compiled(error_model="numpy")
 def count_tiles(records: Any, reaches: Any, across: int, reach: float, counts: Any, bases: Any) -> int:
     """Fill counts [tiles] with the intersections of each tile and bases [N + 1] with each Gaussian's first slot;
     returns their number."""
@@ -79,7 +79,7 @@ def count_tiles(records: Any, reaches: Any, across: int, reach: float, counts: A
     return total
 
 
-@njit(**KERNEL)
+@compiled(error_model="numpy")
 def fill_tiles(records: Any, reaches: Any, across: int, reach: float, cursors: Any, entries: Any, owners: Any) -> None:
     """Write (depth bits, slot) into the tiles' lists in entries [M], from cursors [tiles] on, and each slot's
     Gaussian into owners [M]."""
@@ -100,7 +100,7 @@ def fill_tiles(records: Any, reaches: Any, across: int, reach: float, cursors: A
                 slot += 1
 
 
-@njit(**KERNEL)
+@compiled(error_model="numpy")
 def sort_tiles(
     starts: Any, first: int, stop: int, entries: Any, scratch: Any, owners: Any, order: Any, slots: Any
 ) -> None:

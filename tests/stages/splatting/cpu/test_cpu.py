@@ -1,4 +1,4 @@
-"""Compiled kernels: said when they are made, forgotten when any of their sources has changed. Which tiles they list."""
+"""Compiled kernels: said when they are made. Which tiles they list."""
 
 import dataclasses
 import logging
@@ -11,34 +11,6 @@ from posegaussian.stages.splatting.cpu import backend, tiles
 from posegaussian.stages.splatting.definition.scene import Cutoffs
 from tests.hard_cases.laws import agree
 from tests.support.gaussian_scenes import camera, cloud, draw, gaussians
-
-KERNELS = (
-    "tiles.sort_tiles-1.py311.nbi",
-    "tiles.sort_tiles-1.py311.1.nbc",
-    "composite.forward-9.py311.nbi",
-)
-
-
-def test_kernels_of_other_sources_are_forgotten_and_nothing_else(tmp_path: Path) -> None:
-    for name in (*KERNELS, "raycast.cast-1.py311.nbi", "tiles.cpython-311.pyc"):
-        (tmp_path / name).touch()
-    backend.forget_stale_kernels(tmp_path)  # no note: nobody knows what these were made from
-    assert sorted(p.name for p in tmp_path.iterdir()) == [
-        "raycast.cast-1.py311.nbi",
-        "renderer.digest",
-        "tiles.cpython-311.pyc",
-    ]
-    (tmp_path / KERNELS[0]).touch()
-    backend.forget_stale_kernels(tmp_path)
-    assert (tmp_path / KERNELS[0]).exists()
-    (tmp_path / "renderer.digest").write_text("of another version")
-    backend.forget_stale_kernels(tmp_path)
-    assert not (tmp_path / KERNELS[0]).exists()
-
-
-def test_a_folder_that_does_not_exist_is_made(tmp_path: Path) -> None:
-    backend.forget_stale_kernels(tmp_path / "new")
-    assert (tmp_path / "new" / "renderer.digest").is_file()
 
 
 def test_compiling_is_announced_once_and_only_where_nothing_is_compiled(

@@ -1,0 +1,1 @@
+"""Functions that numba compiles, and what they are compiled from."""
