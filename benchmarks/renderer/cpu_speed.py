@@ -22,13 +22,13 @@ from typing import Any
 
 import numpy as np
 import torch
-from numba import njit
 
 from benchmarks.renderer import plain_torch
 from benchmarks.renderer.workloads import GUITAR, blobs, guitar, person
 from benchmarks.report import kept, publish, show
+from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.stages.splatting.cpu import backend
-from posegaussian.stages.splatting.cpu.projection import ACROSS, BOX_X, BOX_Y, DOWN, KERNEL, LIFT, RECORD, SLOPE, U, V
+from posegaussian.stages.splatting.cpu.projection import ACROSS, BOX_X, BOX_Y, DOWN, LIFT, RECORD, SLOPE, U, V
 from posegaussian.stages.splatting.cpu.simd import choose, exp2_minus, fma, least, minus_magnitude, splat, store
 from posegaussian.stages.splatting.cpu.tiles import TILE_X, TILE_Y
 from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Drawing, Gaussians
@@ -43,7 +43,7 @@ SCENES: dict[str, tuple[Callable[[int], tuple[Gaussians, Camera]], int]] = {
 ATTRIBUTES = tuple(Gaussians.__dataclass_fields__)
 
 
-@njit(**KERNEL)
+@compiled(error_model="numpy")
 def pairs(records: Any, bits: Any, order: Any, starts: Any, cuts: Any, across: int) -> tuple[int, int]:
     """Blended and tested pairs, counted pixel by pixel."""
     total = tested = 0
@@ -73,7 +73,7 @@ def pairs(records: Any, bits: Any, order: Any, starts: Any, cuts: Any, across: i
     return total, tested
 
 
-@njit(**KERNEL)
+@compiled(error_model="numpy")
 def arithmetic(count: int, out: Any) -> None:
     """The arithmetic of one block of eight pairs, `count` times over, four blocks side by side, all in registers."""
     e0, e1, e2, e3 = splat(0.1), splat(0.2), splat(0.3), splat(0.4)
@@ -88,7 +88,7 @@ def arithmetic(count: int, out: Any) -> None:
     store(out, 0, t0 + t1 + t2 + t3 + a0 + a1 + a2 + a3)
 
 
-@njit(**KERNEL)
+@compiled(error_model="numpy")
 def _blend(x: Any, before: Any, a: Any, cap: Any, dark: Any, zero: Any, drop: Any) -> Any:
     t, p = fma(x, cap, fma(a, drop, x)), fma(x, cap, a)
     e = fma(t, t, fma(p, p, x))
