@@ -162,7 +162,7 @@ class Scene:
 
         for _ in range(repeats):
             lap("project", lambda: backend.project(arrays, task, backend.scratch))
-            lap("bin", lambda: backend.list_tiles(*kept["project"][:2], task))
+            lap("bin", lambda: backend.list_tiles(*kept["project"][:2], task, True))
             bases, starts, entries, owners = kept["bin"]
             lap("sort", lambda s=starts, e=entries, o=owners: backend.sort_tiles(s, e, o, task, backend.scratch))
             lists = backend.CpuTileLists(kept["project"][0], bases, starts, *kept["sort"], 0)

@@ -59,8 +59,8 @@ GUARDS = (
     ),
     guards_of("S15")(
         TILES,
-        "            for j in range(n):\n                k = np.uint64(at)",
-        "            for j in range(n - 1, -1, -1):\n                k = np.uint64(at)",
+        "        for j in range(n):\n            k = np.uint64(at)",
+        "        for j in range(n - 1, -1, -1):\n            k = np.uint64(at)",
     ),
     guards_of("S16")(COMPOSITE, "*(i % BLOCK_X + CENTRE for", "*(i % BLOCK_X for"),
     guards_of("S17")(BACKEND, "        k[0, 1],\n        cx,", "        k[0, 1],\n        w / 2,"),

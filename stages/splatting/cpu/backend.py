@@ -35,6 +35,8 @@ SIZES = (3, 9, 3, 1, 3)
 """float32 of each attribute of a Gaussian."""
 CACHE = Path(projection.project.stats.cache_path)
 """Where numba keeps compiled kernels."""
+CACHE_LINE = 64
+"""Bytes."""
 LARGEST_SIDE = 32767
 """px: boxes are kept in 16 bits."""
 MOST_INTERSECTIONS = 2**32 - 1
@@ -74,7 +76,7 @@ class CpuTileLists:
     bases: np.ndarray  # [N + 1] first slot of each Gaussian
     starts: np.ndarray  # [tiles + 1]
     order: np.ndarray  # [M] Gaussians by tile and depth
-    slots: np.ndarray  # [M] slots by tile and depth
+    slots: np.ndarray  # [M] slots by tile and depth; none without training
     masked: int
 
 
@@ -158,6 +160,15 @@ def _padded(array: np.ndarray, size: int, whole: int) -> np.ndarray:
     return tail
 
 
+def _new(name: str, size: int, dtype: type) -> np.ndarray:
+    """An array of any content that begins with a cache line, so that a record or a slot, which are as long as one, lies
+    in one: else each would take two, of which one is fetched ahead."""
+    line = CACHE_LINE // np.dtype(dtype).itemsize
+    room: np.ndarray = np.empty(size + line, dtype)
+    begin = -room.ctypes.data % CACHE_LINE // room.itemsize
+    return room[begin : begin + size]
+
+
 class _Scratch(threading.local):
     """Arrays that do not outlive a call, kept for the thread's next one: asking the system for fresh memory took a
     tenth of the time."""
@@ -172,17 +183,13 @@ class _Scratch(threading.local):
         """An array of any content; the one of this name that the thread was given before is used up."""
         kept = self.arrays.get(name)
         if kept is None or len(kept) < size:
-            kept = np.empty(size + size // 8, dtype)
+            kept = _new(name, size + size // 8, dtype)
             if kept.nbytes <= self.largest:
                 self.arrays[name] = kept
         return kept[:size]
 
 
 scratch = _Scratch()
-
-
-def _new(name: str, size: int, dtype: type) -> np.ndarray:
-    return np.empty(size, dtype)
 
 
 def project(
@@ -213,9 +220,10 @@ def project(
 
 
 def list_tiles(
-    records: np.ndarray, reaches: np.ndarray, task: CpuJob
+    records: np.ndarray, reaches: np.ndarray, task: CpuJob, training: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """(bases [N + 1], starts [tiles + 1], entries [M], owners [M]): unsorted lists. Raises TooLarge."""
+    """(bases [N + 1], starts [tiles + 1], entries [M], owners [M]): unsorted lists, of slots for training, else of
+    Gaussians, which have no owners. Raises TooLarge."""
     n, reach = len(records) // RECORD, float(task.cuts[2])
     counts, bases = np.zeros(task.tiles, np.int64), np.empty(n + 1, np.int64)
     total = cpu_tiles.count_tiles(records, reaches, task.across, reach, counts, bases)
@@ -226,7 +234,7 @@ def list_tiles(
         )
     starts = np.zeros(task.tiles + 1, np.int64)
     np.cumsum(counts, out=starts[1:])
-    entries, owners = scratch("entries", total, np.uint64), scratch("owners", total, np.uint32)
+    entries, owners = scratch("entries", total, np.uint64), scratch("owners", total if training else 0, np.uint32)
     cpu_tiles.fill_tiles(records, reaches, task.across, reach, starts[:-1].copy(), entries, owners)
     return bases, starts, entries, owners
 
@@ -238,10 +246,10 @@ def sort_tiles(
     task: CpuJob,
     new: Callable[[str, int, type], np.ndarray] = _new,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(order [M], slots [M]): Gaussians and slots by tile and depth. entries are used up."""
+    """(order [M], slots [M], none without owners): Gaussians and slots by tile and depth. entries are used up."""
     order, slots, longest = (
         new("order", len(entries), np.uint32),
-        new("slots", len(entries), np.uint32),
+        new("slots", len(owners), np.uint32),
         int(np.diff(starts).max(initial=0)),
     )
     share(
@@ -256,7 +264,7 @@ def prepare(arrays: list[np.ndarray], task: CpuJob, training: bool) -> CpuTileLi
     """Project, list and sort. Without training the lists last until the thread's next call. Raises TooLarge."""
     new = _new if training else scratch
     records, reaches, masked = project(arrays, task, new)
-    bases, starts, entries, owners = list_tiles(records, reaches, task)
+    bases, starts, entries, owners = list_tiles(records, reaches, task, training)
     return CpuTileLists(records, bases, starts, *sort_tiles(starts, entries, owners, task, new), masked)
 
 
@@ -267,7 +275,7 @@ def draw(lists: CpuTileLists, task: CpuJob, training: bool) -> tuple[np.ndarray,
         np.zeros((task.height, task.width, task.channels), np.float32),
         np.zeros((task.height, task.width), np.float32),
     )
-    light, ends = (np.empty(task.tiles * BLOCKS * WIDTH if training else 0, np.float32) for _ in range(2))
+    light, ends = (_new(n, task.tiles * BLOCKS * WIDTH if training else 0, np.float32) for n in ("light", "ends"))
     blended = np.zeros(len(lists.order) if training else 0, np.uint64)
     kernel = composite.forward(task.channels, training)
     fixed = (lists.records, lists.records.view(np.int32), lists.order, lists.starts, PLACES, task.cuts)

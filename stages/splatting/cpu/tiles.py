@@ -22,9 +22,11 @@ EXACT = 3
 """From this many tiles across or down, the ellipse decides which tiles of the box are reached."""
 CENTRE, SLACK = PIXEL_CENTRE, 0.01
 """px: the centre of pixel 0, and more than float32 rounding at 8k px."""
-DIGITS = 4
-RADIX = 8
-"""Bits of a digit and most digits: a tile's list is some hundred long, and the histogram must not outweigh it."""
+NARROW, WIDE, LONG = 8, 11, 256
+"""Bits of a digit of the depth, and of lists of `LONG` or more, which take a round less by them: clearing and summing
+the histograms must not outweigh the list."""
+BINS = max(-(-32 // bits) << bits for bits in (NARROW, WIDE))
+"""Of all digits of a depth together."""
 
 
 @compiled(error_model="numpy")
@@ -79,10 +81,11 @@ def count_tiles(records: Any, reaches: Any, across: int, reach: float, counts: A
     return total
 
 
-@compiled(error_model="numpy")
-def fill_tiles(records: Any, reaches: Any, across: int, reach: float, cursors: Any, entries: Any, owners: Any) -> None:
-    """Write (depth bits, slot) into the tiles' lists in entries [M], from cursors [tiles] on, and each slot's
-    Gaussian into owners [M]."""
+@compiled(error_model="numpy", forceinline=True)
+def _fill(
+    records: Any, reaches: Any, across: int, reach: float, cursors: Any, entries: Any, owners: Any, slotted: bool
+) -> None:
+    """As `fill_tiles`, compiled for lists of slots and of Gaussians."""
     slot = 0
     for i in range(len(records) // RECORD):
         if (reaches[REACHES * i] & 0xFFFF) > (reaches[REACHES * i] >> 16):
@@ -94,51 +97,68 @@ def fill_tiles(records: Any, reaches: Any, across: int, reach: float, cursors: A
             first, last = _columns(records, i * RECORD, row, x0, x1, reach) if exact else (x0, x1)
             for column in range(first, last + 1):
                 tile = row * across + column
-                entries[cursors[tile]] = key | np.uint64(slot)
+                entries[cursors[tile]] = key | np.uint64(slot if slotted else i)
                 cursors[tile] += 1
-                owners[slot] = i
-                slot += 1
+                if slotted:
+                    owners[slot] = i
+                    slot += 1
+
+
+@compiled(error_model="numpy")
+def fill_tiles(records: Any, reaches: Any, across: int, reach: float, cursors: Any, entries: Any, owners: Any) -> None:
+    """Write (depth bits, slot) into the tiles' lists in entries [M], from cursors [tiles] on, and each slot's
+    Gaussian into owners [M]; with no owners (depth bits, Gaussian), which sort alike."""
+    if len(owners) > 0:
+        _fill(records, reaches, across, reach, cursors, entries, owners, True)
+    else:
+        _fill(records, reaches, across, reach, cursors, entries, owners, False)
+
+
+@compiled(error_model="numpy", forceinline=True)
+def _sorted(entry: Any, scratch: Any, histogram: Any, radix: int) -> Any:
+    """Entries by depth, in `entry` itself or in `scratch`: digits of `radix` bits of the depths' bits less their
+    smallest, least significant first, counted in one pass. Compiled for each radix: it is written out in the calls."""
+    n, digits, most = len(entry), 1 << radix, np.uint64((1 << radix) - 1)
+    low, high = np.uint64(2**64 - 1), np.uint64(0)
+    for j in range(n):
+        low, high = min(low, entry[j]), max(high, entry[j])
+    base, rounds = low >> np.uint64(32), 0
+    if n > 1:
+        span = (high >> np.uint64(32)) - base
+        while span >> np.uint64(radix * rounds):
+            rounds += 1
+    histogram[: digits * rounds] = 0
+    if rounds > 0:
+        for j in range(n):
+            key = (entry[j] >> np.uint64(32)) - base
+            for d in range(rounds):
+                histogram[np.uint64(d * digits) + ((key >> np.uint64(radix * d)) & most)] += np.uint32(1)
+    source, target = entry, scratch
+    for d in range(rounds):
+        total, at = np.uint32(0), d * digits
+        for k in range(at, at + digits):
+            total, histogram[k] = total + histogram[k], total
+        for j in range(n):
+            k = np.uint64(at) + ((((source[j] >> np.uint64(32)) - base) >> np.uint64(radix * d)) & most)
+            target[histogram[k]] = source[j]
+            histogram[k] += np.uint32(1)
+        source, target = target, source
+    return source
 
 
 @compiled(error_model="numpy")
 def sort_tiles(
     starts: Any, first: int, stop: int, entries: Any, scratch: Any, owners: Any, order: Any, slots: Any
 ) -> None:
-    """Sort the lists of tiles first..stop by depth; order [M] gets the Gaussians and slots [M] the slots. scratch is as
-    long as the longest list.
-
-    Digits of the depths' bits less their smallest, least significant first, counted in one pass.
-    """
-    digits, most = 1 << RADIX, np.uint64((1 << RADIX) - 1)
-    histogram = np.empty(digits * DIGITS, np.uint32)
+    """Sort the lists of tiles first..stop by depth; order [M] gets the Gaussians and slots [M] the slots, none without
+    owners. scratch is as long as the longest list."""
+    histogram, slotted = np.empty(BINS, np.uint32), len(owners) > 0
     for tile in range(first, stop):
         a, n = starts[tile], starts[tile + 1] - starts[tile]
         entry = entries[a : a + n]
-        low, high = np.uint64(2**64 - 1), np.uint64(0)
+        done = _sorted(entry, scratch, histogram, WIDE) if n >= LONG else _sorted(entry, scratch, histogram, NARROW)
         for j in range(n):
-            low, high = min(low, entry[j]), max(high, entry[j])
-        base, rounds = low >> np.uint64(32), 0
-        if n > 1:
-            span = (high >> np.uint64(32)) - base
-            while span >> np.uint64(RADIX * rounds):
-                rounds += 1
-        histogram[: digits * rounds] = 0
-        if rounds > 0:
-            for j in range(n):
-                key = (entry[j] >> np.uint64(32)) - base
-                for d in range(rounds):
-                    histogram[np.uint64(d * digits) + ((key >> np.uint64(RADIX * d)) & most)] += np.uint32(1)
-        source, target = entry, scratch
-        for d in range(rounds):
-            total, at = np.uint32(0), d * digits
-            for k in range(at, at + digits):
-                total, histogram[k] = total + histogram[k], total
-            for j in range(n):
-                k = np.uint64(at) + ((((source[j] >> np.uint64(32)) - base) >> np.uint64(RADIX * d)) & most)
-                target[histogram[k]] = source[j]
-                histogram[k] += np.uint32(1)
-            source, target = target, source
-        for j in range(n):
-            slot = source[j] & np.uint64(0xFFFFFFFF)
-            slots[a + j] = slot
-            order[a + j] = owners[slot]
+            number = done[j] & np.uint64(0xFFFFFFFF)
+            if slotted:
+                slots[a + j] = number
+            order[a + j] = owners[number] if slotted else number
