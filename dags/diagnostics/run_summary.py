@@ -43,7 +43,7 @@ def _results(plan: Plan) -> Iterator[str]:
     for name, path in context.paths.items():
         count = int(np.count_nonzero(path.served))
         yield (
-            f"{context.sequence.name}: {number(count, 'picture')} of {context.path_text(name)!r} in"
+            f"{context.sequence.name}: {number(count, 'picture')} of {context.paths[name].text!r} in"
             f" {context.sequence.root / RENDERING / name}"
         )
 

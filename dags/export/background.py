@@ -122,8 +122,8 @@ def _filmed_from(context: Context, path: CameraPath, frame: int, camera: int) ->
         else "where only a camera stands that is neither a source nor held out"
     )
     raise ConfigError(
-        f"export --background plate: camera {path.names[camera]} of path {path.kind} stands {where}, and nobody filmed"
-        " the background from there; "
+        f"export --background plate: camera {path.names[camera]} of path {path.text!r} stands {where}, and nobody"
+        " filmed the background from there; "
         f'export --path held_out or "still CAM", or give a colour or a picture file'
     )
 

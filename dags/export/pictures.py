@@ -48,7 +48,7 @@ def export_video(results: Results, path: CameraPath, file: Path, backdrop: Backd
 
     if not path.served.any():
         raise UserError(
-            f"camera path {path.name} serves no frame of sequence {results.context.sequence.name};"
+            f"camera path {path.text!r} serves no frame of sequence {results.context.sequence.name};"
             f" nothing to write to {file}"
         )
     rate = results.context.capture.frame_rate / _stride(results)

@@ -332,10 +332,6 @@ class Context:
             check_camera_names(path.names)
         return made
 
-    def path_text(self, name: str) -> str:
-        """The text that asked for a path, by the path's name."""
-        return next(text for text, path in self._made_paths.items() if path.name == name)
-
     @cached_property
     def joint_set(self) -> str | None:
         """Id of the joint set of `pose/*`; None without joints."""

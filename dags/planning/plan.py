@@ -343,7 +343,7 @@ def _notes(context: Context, book: Book, fresh: Collection[Task]) -> tuple[str, 
         idle = [name for name, served in zip(path.names, np.any(path.served, axis=0), strict=True) if not served]
         if idle:
             found.append(
-                f"camera path {path.name}: {', '.join(idle)} serve no frame of"
+                f"camera path {path.text!r}: {', '.join(idle)} serve no frame of"
                 f" {context.source_frames[0]}..{context.source_frames[-1]} and are left out; see frames.range"
             )
     gone = context.unneeded()

@@ -80,7 +80,7 @@ def _rendered(results: Results, most: int) -> list[Drawn]:
     if path is None:
         drawings = [("strip", "a source view, the subject cut out", lambda: _filmed(results))]
     else:
-        told = results.context.path_text(path.name)
+        told = path.text
         drawings = [
             ("strip", f"along {told}", lambda: _strip(results, path)),
             ("pair", "novel view, held-out picture", lambda: _pair(results, path)),

@@ -42,7 +42,7 @@ def gap_notes(rig: Rig, sources: Sequence[int], max_angle: float, paths: Mapping
             told = [_told(rig, reports, gap) for gap in gaps[:NAMED]]
             more = f" and {len(gaps) - NAMED} more" if len(gaps) > NAMED else ""
             found.append(
-                f"camera path {path.name}: {share:.0%} of its pictures lie where no two neighbours can be matched"
+                f"camera path {path.text!r}: {share:.0%} of its pictures lie where no two neighbours can be matched"
                 f" (depth.max_angle: {max_angle:g} degrees at the subject): {', '.join(told)}{more}; expect torn limbs"
                 f" and holes there. {_instead(rig, reports, gaps[:NAMED])}"
             )

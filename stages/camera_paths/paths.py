@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import difflib
 import shlex
+from dataclasses import replace
 
 import numpy as np
 
@@ -51,6 +52,13 @@ def make_path(
     `max_angle` degrees between neighbours that depth can match. Raises UserError for a text that is none of these, for
     unknown cameras and for faults of the file.
     """
+    return replace(_asked(text, rig, views, source_frames, distance, max_angle), text=text)
+
+
+def _asked(
+    text: str, rig: Rig, views: Views, source_frames: np.ndarray, distance: float | None, max_angle: float
+) -> CameraPath:
+    """As `make_path`, without its text."""
     frames = len(source_frames)
     if text.strip().endswith(".json"):
         return read_path_file(text.strip(), source_frames)

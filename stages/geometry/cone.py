@@ -38,7 +38,7 @@ def cone_notes(
         farthest = max((angle_at(subject, rig.centres[view], c) for c in centres), default=0.0)
         if farthest > useful + 0.5:
             notes.append(
-                f"camera path {path.name} goes {farthest:.0f} degrees away from {name}, beyond the {useful:g} that are"
-                " worth looking at; `sway` stays within"
+                f"camera path {path.text!r} goes {farthest:.0f} degrees away from {name}, beyond the {useful:g} that"
+                " are worth looking at; `sway` stays within"
             )
     return notes

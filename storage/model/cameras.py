@@ -8,7 +8,7 @@ that centre at (0, 0) instead.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -183,6 +183,8 @@ class CameraPath:
     """[C, 2] int (width, height) px; arrays are padded to the largest."""
     served: np.ndarray
     """[F, C] bool: whether the camera serves that frame."""
+    text: str = ""
+    """What asked for the path, as sentences name it."""
 
     @property
     def name(self) -> str:
@@ -197,6 +199,5 @@ class CameraPath:
 
     def slice(self, frames: slice) -> CameraPath:
         """The same cameras over some of the frames."""
-        return CameraPath(
-            self.kind, self.names, self.intrinsics[frames], self.world_to_camera[frames], self.size, self.served[frames]
-        )
+        moving = {n: getattr(self, n)[frames] for n in ("intrinsics", "world_to_camera", "served")}
+        return replace(self, **moving)

@@ -24,7 +24,9 @@ def told(
     """What is said of one path, without its name."""
     sources = tuple(v for v in range(len(rig)) if v not in held_out)
     path = make_path(text, rig, Views(rig.names, sources, held_out), np.arange(frames), max_angle=max_angle)
-    return [n.partition(f"camera path {path.name}: ")[2] for n in gap_notes(rig, sources, max_angle, {path.name: path})]
+    return [
+        n.partition(f"camera path {path.text!r}: ")[2] for n in gap_notes(rig, sources, max_angle, {path.name: path})
+    ]
 
 
 @pytest.mark.parametrize("name", RIGS)

@@ -67,6 +67,7 @@ def test_every_path_is_rigid_and_its_name_is_stable(text: str, frames: int) -> N
     path = make(text, frames)
     well_formed(path, frames)
     assert path.served.all()
+    assert path.text == text
     assert path.name == make(text, frames).name
     assert path.name.startswith(text.split()[0] + "-")
     moves = text.split()[0] in ("orbit", "arc")  # standing cameras keep their folder when a sequence grows

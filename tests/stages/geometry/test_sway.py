@@ -95,5 +95,5 @@ def test_the_cone_names_the_paths_that_leave_it() -> None:
     paths = {p.name: p for p in (make_path(t, rig, roles, np.arange(20)) for t in ("sway", "orbit", "still cam0"))}
     notes = cone_notes(rig, 1, distance, "its depth is a relief", 10.0, paths)
     assert "cam1 is the only source view" in notes[0]
-    assert [n.split()[2].split("-")[0] for n in notes[1:]] == ["orbit", "still"]
+    assert [n.split("'")[1] for n in notes[1:]] == ["orbit", "still cam0"], "as they were asked for"
     assert "goes 44 degrees" in cone_notes(rig, 1, 2.45, "its depth is given", 20.0, paths)[2]

@@ -159,6 +159,12 @@ def test_a_path_keeps_its_name_while_its_cameras_stay() -> None:
     assert replace(make_path(), intrinsics=np.asfortranarray(make_path().intrinsics)).name == make_path().name
 
 
+def test_what_asked_for_a_path_goes_with_it_and_changes_no_name() -> None:
+    asked = replace(make_path(), text="orbit")
+    assert asked.slice(slice(1, 3)).text == "orbit"
+    assert asked.name == make_path().name
+
+
 @pytest.mark.parametrize(
     ("field", "index", "value"),
     [
