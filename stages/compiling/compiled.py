@@ -55,11 +55,16 @@ def _parts(value: Any, package: str) -> Iterator[str]:
     elif isinstance(value, ModuleType):
         if _is_of(value.__name__, package):
             yield _file_digest(value.__name__)
-            yield from (f"{n} {p}" for n, v in vars(value).items() if hasattr(v, "_cache") for p in _parts(v, package))
-    elif hasattr(value, "_cache") and hasattr(value, "py_func"):
-        yield repr(value._cache._cache_file._source_stamp)
+            yield from (f"{name} {stamp}" for name, v in vars(value).items() if (stamp := _stamp(v)) is not None)
+    elif (stamp := _stamp(value)) is not None:
+        yield repr(stamp)
     elif _is_of(getattr(value, "__module__", None), package):
         yield _file_digest(value.__module__)
+
+
+def _stamp(value: Any) -> Any:
+    """What a kernel that is kept is made from; None of anything else."""
+    return getattr(getattr(getattr(value, "_cache", None), "_cache_file", None), "_source_stamp", None)
 
 
 def _is_of(module: Any, package: str) -> bool:

@@ -41,15 +41,23 @@ def constant(typing):
         return context.get_constant(signature.return_type, 1000)
     return types.int64(), code
 """,
+    "unkept.py": """
+from numba import njit
+
+@njit
+def three():
+    return 3
+""",
     "outer.py": """
 from posegaussian.stages.compiling.compiled import compiled
 from people import middle
 from people.intrinsics import constant
 from people.numbers import MARGIN, TABLE
+from people.unkept import three
 
 @compiled(error_model="numpy")
 def outer(x):
-    return middle.moved(x) + MARGIN + TABLE[0] + constant()
+    return middle.moved(x) + MARGIN + TABLE[0] + constant() + three()
 
 def note():
     return "nothing that is compiled"
@@ -64,7 +72,8 @@ print(outer(3), sum(outer.stats.cache_hits.values()))
 
 @pytest.fixture
 def package(tmp_path: Path) -> Path:
-    """A package whose one kernel uses another's kernel, which uses a third's, a number, a table and an intrinsic."""
+    """A package whose one kernel uses another's kernel, which uses a third's, one that is not kept, a number, a table
+    and an intrinsic."""
     (tmp_path / "people").mkdir()
     for name, text in FILES.items():
         (tmp_path / "people" / name).write_text(text)
@@ -87,20 +96,21 @@ def edit(folder: Path, name: str, old: str, new: str) -> None:
 
 
 def test_what_is_unchanged_is_loaded(package: Path) -> None:
-    assert called(package) == (1117, 0)
-    assert called(package) == (1117, 1)
+    assert called(package) == (1120, 0)
+    assert called(package) == (1120, 1)
 
 
 @pytest.mark.parametrize(
     ("name", "old", "new", "value"),
     [
-        ("inner.py", "2 * x", "5 * x", 1126),
-        ("middle.py", "+ 1", "+ 2", 1118),
-        ("numbers.py", "10\n", "20\n", 1127),
-        ("numbers.py", "[100", "[300", 1317),
-        ("intrinsics.py", "1000", "7000", 7117),
+        ("inner.py", "2 * x", "5 * x", 1129),
+        ("middle.py", "+ 1", "+ 2", 1121),
+        ("numbers.py", "10\n", "20\n", 1130),
+        ("numbers.py", "[100", "[300", 1320),
+        ("intrinsics.py", "1000", "7000", 7120),
+        ("unkept.py", "return 3", "return 4", 1121),
     ],
-    ids=["the kernel of a kernel", "a kernel of a module", "a number", "a table", "an intrinsic"],
+    ids=["the kernel of a kernel", "a kernel of a module", "a number", "a table", "an intrinsic", "a kernel not kept"],
 )
 def test_what_another_module_puts_in_is_never_what_it_was(
     package: Path, name: str, old: str, new: str, value: int
