@@ -14,8 +14,8 @@ from posegaussian.stages.contract.io import Inputs, TaskScope, Views
 from posegaussian.stages.geometry.triangulation import triangulate
 from posegaussian.stages.imaging.color import to_display
 from posegaussian.stages.imaging.warp import Warp
-from posegaussian.stages.inspection.joint_fit import joint_offsets
-from posegaussian.stages.survey.algorithms.joints import RESIDUAL, SCORE, seen_joints
+from posegaussian.stages.inspection.joint_fit import joint_offsets, most_joints
+from posegaussian.stages.survey.algorithms.joints import RESIDUAL, SCORE, people_of, seen_joints
 from posegaussian.stages.survey.algorithms.silhouettes import masks_of
 from posegaussian.storage.model.cameras import Rig
 
@@ -233,12 +233,16 @@ class Footage:
         return seen, np.stack([triangulate(rig, s[views], SCORE, RESIDUAL) for s in seen])
 
     @cached_property
-    def people(self) -> np.ndarray:
-        """[V] share of `joint_numbers` in which a camera has somebody's joints at all."""
-        reader = self.source("joints")
-        return np.array(
-            [np.mean([len(reader.read(v, n)) > 0 for n in self.joint_numbers]) for v in range(len(self.rig))]
-        )
+    def shown(self) -> np.ndarray:
+        """[F, V] joints that a camera shows of whomever it shows most of, in `joint_numbers`."""
+        views, inputs = range(len(self.rig)), self.joint_inputs
+        return np.array([[most_joints(people_of(inputs, v, n)) for v in views] for n in self.joint_numbers])
+
+    @cached_property
+    def comparable(self) -> np.ndarray:
+        """[V] of `shown`, all frames together: in those in which another camera shows somebody, too."""
+        others = (self.shown > 0).sum(axis=1, keepdims=True) - (self.shown > 0)
+        return np.asarray(np.where(others > 0, self.shown, 0).sum(axis=0))
 
     @cached_property
     def joint_offsets(self) -> tuple[np.ndarray, np.ndarray]:

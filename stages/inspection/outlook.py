@@ -40,6 +40,8 @@ COSTS = {
         "masks that are a pixel off cost 0.3 dB; cameras that stand elsewhere than their calibration says cost 5.6 dB"
         " on a real capture"
     ),
+    "mask at the rim": "masks do not cut the subject out",
+    "joints on masks": "masks are not the subject's",
     "matte": "mattes are not those of the figures",
     "partners": "cameras without a partner show the hull alone",
     "time offset": "cameras out of step blur what moves",

@@ -23,7 +23,7 @@ from posegaussian.stages.inspection.outlook import expected, of_cameras, of_matt
 from posegaussian.stages.inspection.pairs import Rectified, every_pair, of_pairs
 from posegaussian.stages.inspection.people import of_people
 from posegaussian.stages.inspection.planned import Planned
-from posegaussian.stages.inspection.subject import of_focus, of_joints, of_masks, of_poses, of_time
+from posegaussian.stages.inspection.subject import of_focus, of_joints, of_masks, of_poses, of_subjects_mask, of_time
 from posegaussian.stages.inspection.trust import camera_verdicts, of_trust
 
 WORDS = {
@@ -38,6 +38,8 @@ IMPACT = (
     "aim",
     "agreement",
     "time offset",
+    "mask at the rim",
+    "joints on masks",
     "mask agreement",
     "calibration by joints",
     "joint residual",
@@ -155,6 +157,7 @@ def inspect(footage: Footage, sizes: list[Finding], planned: Planned) -> Report:
         *of_matches(footage, pairs, found),
         *of_joints(footage),
         *of_poses(footage),
+        *of_subjects_mask(footage),
         *of_masks(footage, planned),
         *of_trust(verdicts),
         *time,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import combinations
 
+import cv2
 import numpy as np
 
 from posegaussian.stages.contract.facts import JOINTS2D, MASKS
@@ -19,6 +20,7 @@ from posegaussian.stages.inspection.planned import Planned
 from posegaussian.stages.inspection.sharpness import edge_width
 from posegaussian.stages.survey.algorithms.joints import SCORE
 from posegaussian.stages.survey.algorithms.silhouettes import agreeing_share
+from posegaussian.storage.model.masks import ROUND, foreground, rim_share
 
 RESIDUAL = (0.008, 0.016)
 """Share of the longer side, median: 2 and 4 cm on a person who fills it. Detectors alone scatter by 0.4 %."""
@@ -37,6 +39,10 @@ SHARP = (2.0, 4.0)
 pictures that were enlarged, or out of focus in all cameras."""
 AGREEMENT = (0.98, 0.9)
 """Share of a mask's rim that the other masks leave something of; the pipeline clips by silhouettes from 0.98 on."""
+RIM = (0.5, ROUND)
+"""Share of the picture's rim that is white: half of it where a head and shoulders fill the picture."""
+ON_MASK = (0.8, 0.5)
+"""Share of the joints that lie on the mask; what stands before the subject may hide some."""
 NO_JOINTS = "the capture has no 2D joints"
 ADD_JOINTS = "import it with joints"
 
@@ -90,7 +96,7 @@ def joint_fits(footage: Footage) -> list[JointFit | None]:
     """How each camera's joints fit, captured px; None where they cannot be judged."""
     offsets, known = footage.joint_offsets
     return [
-        joint_fit(offsets[:, v] * footage.px[v], known[:, v], float(footage.longest[v]))
+        joint_fit(offsets[:, v] * footage.px[v], known[:, v], int(footage.comparable[v]), float(footage.longest[v]))
         for v in range(len(footage.rig))
     ]
 
@@ -103,7 +109,7 @@ def of_joints(footage: Footage) -> list[Finding]:
     out: list[Finding] = []
     for name, longest, fit in zip(footage.names, footage.longest, joint_fits(footage), strict=True):
         bounds = (round(RESIDUAL[0] * float(longest), 2), round(RESIDUAL[1] * float(longest), 2))
-        if fit is None and footage.people[len(out)] >= 0.5:
+        if fit is None and _shows_somebody(footage, len(out)):
             told = f"its joints agree with no other camera's within {LOOSE:.0%} of the longer side"
             advice = (
                 f"calibrate {name} again, or check that its videos and joints are of this recording; until then leave"
@@ -123,6 +129,11 @@ def of_joints(footage: Footage) -> list[Finding]:
         else:
             out.append(_residual(name, fit, bounds))
     return out
+
+
+def _shows_somebody(footage: Footage, view: int) -> bool:
+    """Whether others could agree with what a camera shows: in half of the frames, and joints enough to judge by."""
+    return bool((footage.shown[:, view] > 0).mean() >= 0.5 and footage.comparable[view] >= FEWEST)
 
 
 def _residual(name: str, fit: JointFit, bounds: tuple[float, float]) -> Finding:
@@ -265,6 +276,57 @@ def of_masks(footage: Footage, planned: Planned) -> list[Finding]:
             )
         )
     return out
+
+
+def of_subjects_mask(footage: Footage) -> list[Finding]:
+    """Whether each given mask is the subject's: by the picture's rim, and by the joints that should lie on it."""
+    if MASKS not in footage.facts:
+        return []
+    masks = [footage.masks(n) for n in footage.looked_at]
+    joints = _joints_on_masks(footage, masks) if JOINTS2D in footage.facts else []
+    return [*_rims(footage, masks), *joints]
+
+
+def _rims(footage: Footage, masks: list[dict[int, np.ndarray]]) -> list[Finding]:
+    out: list[Finding] = []
+    for v, name in enumerate(footage.names):
+        shares = [rim_share(foreground(m[v])) for m in masks if v in m]
+        if shares:
+            told = f"its masks are white along {np.mean(shares):.0%} of the picture's rim"
+            advice = "the subject must be white and all else black: where masks mark the background, invert them"
+            out.append(measured("mask at the rim", (name,), float(np.mean(shares)), "of the rim", *RIM, told, advice))
+    return out
+
+
+def _joints_on_masks(footage: Footage, masks: list[dict[int, np.ndarray]]) -> list[Finding]:
+    """Of the subject's joints in the frames that are looked at, with `WITHIN` for where a detector errs."""
+    seen, out = footage.joints[0], list[Finding]()
+    rows = [footage.joint_numbers.index(n) for n in footage.looked_at]
+    for v, name in enumerate(footage.names):
+        on = [_on_mask(seen[f, v], m[v]) for f, m in zip(rows, masks, strict=True) if v in m]
+        shown = np.concatenate([*on, np.zeros(0, bool)])
+        if len(shown) < FEWEST:
+            why = f"fewer than {FEWEST} joints of the subject are known in the pictures that were looked at"
+            out.append(unmeasured("joints on masks", (name,), "of the joints", *ON_MASK, why))
+            continue
+        told = f"{shown.mean():.0%} of the subject's joints lie on its mask"
+        advice = (
+            "look at mask and joints in the pictures: the mask is empty, somebody else's, marks the background, or is"
+            " of another moment; leave the camera out (views.sources) or give it masks of the subject"
+        )
+        out.append(measured("joints on masks", (name,), float(shown.mean()), "of the joints", *ON_MASK, told, advice))
+    return out
+
+
+def _on_mask(joints: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """[n] whether each known joint of [17, 3] px that lies in the picture is on the mask [h, w], or near it."""
+    high, wide = mask.shape
+    near = cv2.distanceTransform((~foreground(mask)).astype(np.uint8), cv2.DIST_L2, 3) <= WITHIN * max(high, wide)
+    if not foreground(mask).any():
+        near[:] = False
+    x, y = np.floor(joints[:, :2]).astype(int).T
+    known = (joints[:, 2] >= SCORE) & (x >= 0) & (x < wide) & (y >= 0) & (y < high)
+    return np.asarray(near[y[known], x[known]])
 
 
 def of_focus(footage: Footage) -> list[Finding]:

@@ -15,6 +15,7 @@ from posegaussian.storage.formats.joint_files import frame_number
 from posegaussian.storage.model.capture import Capture, SourceFile, Stream
 from posegaussian.storage.model.crop import Crop
 from posegaussian.storage.model.errors import SourceError
+from posegaussian.storage.model.masks import ROUND, rim_share
 from posegaussian.storage.model.splits import said_of, splits_of
 from posegaussian.storage.readers import images
 from posegaussian.storage.readers.video import VIDEO_SUFFIXES, VideoFile
@@ -274,26 +275,27 @@ def mask_file_streams(
                 )
         streams.append(file_stream("images", found, stream.size))
     notes = gap_notes(names, streams, [s.numbers for s in pictures], "masks")
+    most, rim = _of_values(streams)
     if labels:
         streams = [Stream(s.kind, s.files, s.numbers, s.size, {"labels": True}) for s in streams]
         notes.append("masks hold labels of body parts; whatever is not 0 is the subject")
-    elif _zero_one(streams):
+    elif most == 1:
         streams = [Stream(s.kind, s.files, s.numbers, s.size, {"zero_one": True}) for s in streams]
         notes.append("masks hold only 0 and 1; they are read as 0 and 255")
+    if rim > ROUND:
+        notes.append(
+            f"masks are white along {rim:.0%} of the pictures' rim: they seem to mark the background, or to cut nothing"
+            " out. The subject must be white; if it is black, write them the other way round and import again"
+        )
     return tuple(streams), notes
 
 
-def _zero_one(streams: Sequence[Stream]) -> bool:
-    """Whether the largest value over a few masks of every view is 1."""
-    steps = [max(1, len(s.files) // _MASKS_LOOKED_AT) for s in streams]
-    return (
-        max(
-            (
-                int(images.read_mask(f.path).max())
-                for s, step in zip(streams, steps, strict=True)
-                for f in s.files[::step]
-            ),
-            default=0,
-        )
-        == 1
-    )
+def _of_values(streams: Sequence[Stream]) -> tuple[int, float]:
+    """The largest value over a few masks of every view, and the share of the rim that is white, median over views."""
+    most, rims = 0, []
+    for stream in streams:
+        masks = [images.read_mask(f.path) for f in stream.files[:: max(1, len(stream.files) // _MASKS_LOOKED_AT)]]
+        largest = max((int(m.max()) for m in masks), default=0)
+        most = max(most, largest)
+        rims.append(float(np.mean([rim_share(m > largest // 2) for m in masks])) if masks else 0.0)
+    return most, float(np.median(rims))

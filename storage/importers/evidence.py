@@ -106,9 +106,9 @@ def check_direction(names: Sequence[str], rotations: np.ndarray, centres: np.nda
     inverted = off_axis(rotations.transpose(0, 2, 1), translations)
     if not off <= AWAY and inverted < TOWARDS and _turned(rotations.transpose(0, 2, 1)) >= PARALLEL:
         raise CalibrationError(
-            f"read as {direction}, as the format has it, the cameras look past one another, {off:.0f} degrees off a"
-            f" common point; inverted, all look at one point to {inverted:.0f} degrees: the poses were written in the"
-            " other direction. Invert every pose and write the file again"
+            f"read as {direction}, as the format has it, {_no_rig(off)}; inverted, all look at one point to"
+            f" {inverted:.0f} degrees: the poses were written in the other direction. Invert every pose and write the"
+            " file again"
         )
     if (turned := _turned(rotations)) < PARALLEL:
         return [f"direction: {direction}, as the format has it; all cameras look one way, to {turned:.0f} degrees"]
@@ -121,9 +121,14 @@ def check_direction(names: Sequence[str], rotations: np.ndarray, centres: np.nda
     if off <= TOWARDS:
         either = " (inverted they would, too, so this alone does not tell)" if inverted <= TOWARDS else ""
         return [f"direction: {direction}; all cameras look at one point to {off:.0f} degrees{either}"]
-    return [
-        f"direction: {direction}, as the format has it; the cameras look at no common point ({off:.0f} degrees off)"
-    ]
+    return [f"direction: {direction}, as the format has it; {_no_rig(off)}"]
+
+
+def _no_rig(off: float) -> str:
+    """What is odd about cameras that look `off` degrees past a common point, NaN where they stand in one place."""
+    if np.isnan(off):
+        return "all cameras stand in one place"
+    return f"the cameras look past one another, at no common point ({off:.0f} degrees off)"
 
 
 def _turned(rotations: np.ndarray) -> float:

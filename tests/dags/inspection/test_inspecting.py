@@ -42,6 +42,8 @@ MEASURES = {
     "joint residual",
     "calibration by joints",
     "mask agreement",
+    "mask at the rim",
+    "joints on masks",
     "time offset",
     "exposure",
     "focus",
@@ -185,6 +187,28 @@ def test_a_camera_of_another_recording_is_found(spoilt: Callable[[Callable[[Path
     assert found(report, "joint residual", "cam01").verdict is FindingVerdict.BAD
 
 
+def test_one_frame_is_judged_as_many_are(tmp_path: Path) -> None:
+    """Of one frame, too: exact joints are good in every camera, a camera of another recording is bad, and where
+    nobody but one camera shows anyone nothing is said against it."""
+    from posegaussian.stages.inspection.subject import of_joints
+
+    film(tmp_path / "capture", views=5, size=96, frames=1, held_out=0, depth=False)
+    exact = of_joints(footage_of(context_of(tmp_path / "capture", tmp_path / "exact"))[0])
+    assert [f.verdict for f in exact] == 5 * [FindingVerdict.GOOD]
+    cameras = json.loads((tmp_path / "capture" / "cameras.json").read_text())
+    one = next(c for c in cameras["cameras"] if c["name"] == "cam01")
+    turn_by = cv2.Rodrigues(np.radians([20.0, 15.0, 0.0]))[0]
+    one["R"], one["t"] = (turn_by @ np.array(one["R"])).tolist(), (turn_by @ np.array(one["t"])).tolist()
+    (tmp_path / "capture" / "cameras.json").write_text(json.dumps(cameras))
+    turned = of_joints(footage_of(context_of(tmp_path / "capture", tmp_path / "turned"))[0])
+    assert [f.cameras for f in turned if f.verdict is FindingVerdict.BAD] == [("cam01",)]
+    for file in (tmp_path / "capture" / "joints").glob("*.json"):
+        if file.stem != "cam02":
+            file.write_text(json.dumps(json.loads(file.read_text()) | {"annotations": []}))
+    alone = of_joints(footage_of(context_of(tmp_path / "capture", tmp_path / "alone"))[0])
+    assert {f.verdict for f in alone} == {FindingVerdict.UNKNOWN}
+
+
 def test_a_late_camera_is_found_and_the_setting_that_is_advised_mends_it(
     spoilt: Callable[[Callable[[Path], None]], Report], tmp_path: Path
 ) -> None:
@@ -202,6 +226,42 @@ def test_a_late_camera_is_found_and_the_setting_that_is_advised_mends_it(
     assert advised
     mended = report_of(context_of(tmp_path / "copy", tmp_path / "archive", f"frames.time_offset={advised[1]}"))
     assert found(mended, "time offset", "cam02").verdict is FindingVerdict.GOOD
+
+
+def repainted(folder: Path, cameras: str, paint: Callable[[np.ndarray], np.ndarray]) -> None:
+    """Masks of the cameras that a pattern names, changed."""
+    for file in (folder / "masks").glob(f"{cameras}/*"):
+        cv2.imwrite(str(file), paint(cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)))
+
+
+def bad_cameras(report: Report, measure_name: str) -> set[str]:
+    return {f.cameras[0] for f in report.findings if f.measure == measure_name and f.verdict is FindingVerdict.BAD}
+
+
+@pytest.mark.parametrize(
+    ("cameras", "paint", "by_rim", "by_joints"),
+    [
+        ("*", lambda m: 255 - m, 5, 5),
+        ("cam02", lambda m: 0 * m, 0, 1),
+        ("cam02", lambda m: 0 * m + 255, 1, 0),
+        ("cam02", lambda m: np.roll(m, 40, axis=1), 0, 1),
+        ("*", lambda m: cv2.erode(m, np.ones((2, 2))), 0, 0),
+    ],
+    ids=["inverted", "empty", "whole", "elsewhere", "a little small"],
+)
+def test_masks_that_are_not_the_subjects_are_found(
+    spoilt: Callable[[Callable[[Path], None]], Report],
+    cameras: str,
+    paint: Callable[[np.ndarray], np.ndarray],
+    by_rim: int,
+    by_joints: int,
+) -> None:
+    """In the cameras that have them, and in no other."""
+    report = spoilt(lambda folder: repainted(folder, cameras, paint))
+    for measure_name, count in (("mask at the rim", by_rim), ("joints on masks", by_joints)):
+        bad = bad_cameras(report, measure_name)
+        assert len(bad) == count, (measure_name, bad)
+        assert cameras == "*" or bad <= {cameras}
 
 
 def test_without_joints_and_masks_it_says_what_cannot_be_measured(

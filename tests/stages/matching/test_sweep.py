@@ -254,6 +254,9 @@ def test_the_rim_of_a_sphere_is_continued() -> None:
     # The hull's own rim is left alone, and the hull's bounds hold.
     unsure, _ = turn_away(rig, 0, flat, np.minimum(sure, np.float32(HULL)), *open_bounds, inside)
     np.testing.assert_array_equal(unsure, flat)
+    with np.errstate(all="raise"):
+        whole, _ = turn_away(rig, 0, flat, sure, *open_bounds, np.ones_like(inside))
+    np.testing.assert_array_equal(whole, flat)
     clipped, _ = turn_away(rig, 0, flat, sure, open_bounds[0], flat, inside)
     np.testing.assert_array_equal(clipped, flat)
 

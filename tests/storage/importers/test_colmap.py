@@ -277,6 +277,9 @@ def test_poses_of_the_other_direction_are_seen_without_points() -> None:
         )
     sideways = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]) @ rotations  # an odd rig, but no sign of a fault
     assert "no common point" in check_direction(names, sideways, centres, "world to camera")[0]
+    # what a panorama's cameras look like, and inverted those of a ring
+    (told,) = check_direction(names, rotations, 0 * centres, "world to camera")
+    assert told.endswith("all cameras stand in one place")
 
 
 def test_a_principal_point_of_another_pixel_centre_is_seen(tmp_path: Path) -> None:

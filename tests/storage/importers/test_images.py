@@ -232,3 +232,23 @@ def test_cameras_held_out_are_those_that_the_layout_marks_or_the_option_names(ba
     with pytest.raises(UserError, match="no camera is left as a source"):
         find(base, held_out="cam1,cam2,cam10")
     assert find(base, cameras="cam2,cam10").held_out == ()
+
+
+def subject_masks(base: Path, white: int, black: int) -> None:
+    """A subject of 20 x 30 px in the middle of every picture."""
+    for name in import_capture.NAMES:
+        for picture in sorted((base / "images" / name).iterdir()):
+            mask = np.full((48, 64), black, np.uint8)
+            mask[9:39, 22:42] = white
+            (base / "masks" / name).mkdir(parents=True, exist_ok=True)
+            write_png(base / "masks" / name / f"{picture.stem}.png", mask)
+
+
+@pytest.mark.parametrize(("white", "black"), [(255, 0), (1, 0), (0, 255), (0, 1)])
+def test_masks_that_mark_the_background_are_named_at_once(base, white, black):
+    """Whatever they are written in: 0 and 255, or 0 and 1, which are read as the same."""
+    subject_masks(base, white, black)
+    capture = find(base)
+    assert any("mark the background" in n for n in capture.notes) == (white < black)
+    assert any("hold only 0 and 1" in n for n in capture.notes) == (max(white, black) == 1)
+    assert int(next(iter(open_source(capture, "masks").read(0, [0])))[20, 30]) == (0 if white < black else 255)
