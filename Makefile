@@ -36,6 +36,7 @@ bench-%: $(STAMP)
 	$(if $(RUNS),$(MEASURE),$(error No benchmark is called $@; `make help` prints them))
 
 bench-effects: RUNS = simulator.effects_time ## What every effect of the simulator costs, and what leaving it out saves.
+bench-faults: RUNS = frames.faults ## What it costs when pictures, masks or cameras are not as they should be: half an hour.
 bench-first-run: RUNS = pipeline.first_run ## What two workers compile on a first run, each on its own and waiting for one another.
 bench-frame: RUNS = pipeline.frame_time ## Where the seconds of a frame go, stage by stage: eight views of 512 and 1024 px, one thread.
 bench-mattes: RUNS = "frames.mattes simulated" "frames.mattes balance $(CAPTURES)/balance" "frames.mattes given $(CAPTURES)/balance" "frames.mattes desk $(CAPTURES)/desk" ## Mattes without given masks, of simulated people and of two captures outlined by hand (CAPTURES=FOLDER).

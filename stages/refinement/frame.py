@@ -14,6 +14,8 @@ from posegaussian.stages.refinement.steps.loss import Filmed
 from posegaussian.stages.refinement.thinning import thinned
 from posegaussian.stages.rendering.lift import GaussianMaps
 from posegaussian.stages.rendering.sources import unrefined_arrays
+from posegaussian.stages.silhouettes.hull import Silhouettes
+from posegaussian.stages.silhouettes.places import agreed, lacking
 from posegaussian.stages.splatting.definition.scene import Camera
 
 
@@ -59,12 +61,18 @@ class FrameReader:
             if len(gaussians) and self._arrays(i, v)[-1].any():
                 found[v] = gaussians
         plan = schedule(rig, sources, np.isin(np.arange(len(rig)), list(found)))
-        return FrameGaussians(found, {v: self.filmed(i, v) for v in found} if plan else {}, plan)
+        if plan is None:
+            return FrameGaussians(found, {}, None)
+        silhouettes = agreed(rig, {v: self._arrays(i, v)[-1] for v in sources})
+        return FrameGaussians(found, {v: self.filmed(i, v, silhouettes) for v in found}, plan)
 
-    def filmed(self, i: int, view: int) -> Filmed:
+    def filmed(self, i: int, view: int, silhouettes: Silhouettes) -> Filmed:
         """The view's picture without the padding."""
         rig = self.inputs.rig
         width, height = (int(n) for n in rig.size[view])
-        cover = self._arrays(i, view)[-1][:height, :width].astype(np.float32) / 255
+        mask = self._arrays(i, view)[-1][:height, :width]
+        cover = mask.astype(np.float32) / 255
         color = np.asarray(self.maps(i, view).color)[:height, :width].astype(np.float32) / 255 * cover[..., None]
-        return Filmed(Camera(rig.intrinsics[view], rig.world_to_camera[view], width, height), color, cover)
+        camera = Camera(rig.intrinsics[view], rig.world_to_camera[view], width, height)
+        lost = lacking(silhouettes, view, mask)
+        return Filmed(camera, color, cover, lost if lost.any() else None)

@@ -58,15 +58,20 @@ class Judge:
     @property
     def before(self) -> float:
         """Mean squared error without refinement."""
-        return error_of(0.0, self.unrefined, self.unrefined, self.filmed.color)
+        unrefined = self._compared(self.unrefined)
+        return error_of(0.0, unrefined, unrefined, self._compared(self.filmed.color))
 
     def judgement(self, refined: Callable[[], Gaussians]) -> Judgement:
         """Of refined Gaussians, which are made without their gradients."""
         with torch.no_grad():
             picture = draw(refined(), self.filmed.camera).color[0].numpy()
-        truth = self.filmed.color
-        share = settled(best_share(picture, self.unrefined, truth))
-        return Judgement(error_of(share, picture, self.unrefined, truth), share)
+        three = [self._compared(p) for p in (picture, self.unrefined, self.filmed.color)]
+        share = settled(best_share(*three))
+        return Judgement(error_of(share, *three), share)
+
+    def _compared(self, picture: np.ndarray) -> np.ndarray:
+        """Of a picture [h, w, 3] what is compared: all, but where the mask may lack something."""
+        return picture if self.filmed.lacking is None else picture[~self.filmed.lacking]
 
 
 def draw(gaussians: Gaussians, camera: Camera) -> Rendering:
@@ -77,7 +82,7 @@ def draw(gaussians: Gaussians, camera: Camera) -> Rendering:
 
 
 def best_share(refined: np.ndarray, unrefined: np.ndarray, truth: np.ndarray) -> float:
-    """The share s in 0..1 for which s refined + (1 - s) unrefined is nearest to the truth, [h, w, 3] each.
+    """The share s in 0..1 for which s refined + (1 - s) unrefined is nearest to the truth, [..., 3] each.
 
     Least squares: s = <refined - unrefined, truth - unrefined> / |refined - unrefined|^2, clipped; 0 where the pictures
     are equal. Summed by numpy, whose order does not depend on threads.

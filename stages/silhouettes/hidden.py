@@ -22,9 +22,9 @@ from posegaussian.stages.silhouettes.places import (
     agreed,
     contradicting,
     disc,
+    few_carvers,
     foreground_rays,
     missed,
-    single_carvers,
     without_say,
 )
 from posegaussian.storage.model.cameras import Rig, points_from_integer_centres
@@ -46,16 +46,18 @@ def without_hidden(
     """The silhouettes of masks [h, w] uint8 by view, none of which carves where something stands before the subject.
 
     Unlike `posegaussian.stages.silhouettes.places.reconciled` it leaves outlines alone that are a little off: a hull
-    that is matched against is better cut too close than left standing. `unexplained` as there.
+    that is matched against is better cut too close than left standing. `unexplained` as there. What two masks lack
+    together is asked of each without the other.
     """
     contradicted = contradicting(rig, masks, silhouettes, unexplained)
-    places = np.zeros(contradicted.shape, bool)
+    around = np.array([cv2.dilate(c, disc(AROUND)) for c in contradicted], np.uint8).reshape(contradicted.shape)
+    places, heard = np.zeros(contradicted.shape, bool), without_say(silhouettes, around == 2)
     for i, view in enumerate(silhouettes.views):
         if contradicted[i].any():
-            others = silhouettes.kept({*silhouettes.views} - {view})
+            others = heard.kept({*silhouettes.views} - {view})
             places[i] = _place(rig, view, masks, others, contradicted[i])
             if places[i].any():  # thin parts of what is hidden, too: fingers, ankles
-                places[i] |= cv2.dilate(contradicted[i], disc(AROUND)) > 0
+                places[i] |= around[i] > 0
     return without_say(silhouettes, places)
 
 
@@ -80,7 +82,7 @@ class Witnesses:
         together = self._agreed.joined(own)
         contradicted = np.zeros(mask.shape, np.uint8)
         for u, origin, lost in self._lost(self._agreed, own, None):
-            contradicted |= single_carvers(together, u, origin, lost)[-1]
+            contradicted |= few_carvers(together, u, origin, lost)[-1] == 1
         return _place(self._rig, view, self._masks | {view: mask}, self._agreed, contradicted)
 
     @cached_property
@@ -109,7 +111,8 @@ def _place(
     rig: Rig, view: int, masks: Mapping[int, np.ndarray], others: Silhouettes, contradicted: np.ndarray
 ) -> np.ndarray:
     """[h, w] bool: where something stands before the subject in a view, with what lies between it and the mask, which
-    is neither the subject nor known to be beside it. `contradicted` [h, w] uint8: where its mask alone carves."""
+    is neither the subject nor known to be beside it. `contradicted` [h, w] uint8: where its mask carves what
+    others agree on."""
     place, mask = np.zeros(contradicted.shape, bool), masks[view]
     if not contradicted.any():
         return place

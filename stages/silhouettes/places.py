@@ -1,11 +1,10 @@
-"""Where one silhouette contradicts all others, it has no say: at that place, and there alone.
+"""Where one or two silhouettes contradict all others, they have no say: at that place, and there alone.
 
 A foreground pixel of a view whose ray the other silhouettes leave nothing of is contradicted. Where a point of its ray
-is carved by a single view, and seen as foreground by enough of the others, that view's mask lacks something there, or
-ends elsewhere than theirs: around the place where it sees the point it carves nothing from then on. Where several views
-carve, the pixel itself is what is wrong. The point that is carved least is taken: where the ray passes nearer to
-another outline, or elsewhere by the same one, a disc is given up there. What is left of a hull is then no less than
-what all views but one agree on.
+is carved by one or two views, and seen as foreground by more of the others, those views' masks lack something there, or
+end elsewhere than theirs: around the places where they see the point they carve nothing from then on. Where more views
+carve, the pixel itself is what is wrong. The point that is carved by the fewest, and by them the least, is taken: where
+the ray passes nearer to another outline, or elsewhere by the same one, a disc is given up there.
 """
 
 from __future__ import annotations
@@ -41,14 +40,19 @@ SAMPLE = 400
 """Rays of a view that are asked first; of most views all are explained."""
 BELIEVED = 0.3
 """Share of a view's foreground that the others may contradict before its own mask is what is wrong."""
+OVERRULED = 2
+"""Silhouettes, at most, that have no say at a place; more than carve it must see somebody there."""
 AROUND = 4.0
 """Px around a place that are given up: more than half the diagonal of a stride."""
+MISSING = (1.5, 0.0065)
+"""Px, and share of the picture's longer side, by which a place without a say reaches beyond a mask, `AROUND` taken off,
+from which on something is missing there. Along the rims of a head's seven photographs outlines err by up to 0.006."""
 
 
 def reconciled(
     rig: Rig, masks: Mapping[int, np.ndarray], silhouettes: Silhouettes, unexplained: Mapping[int, float]
 ) -> Silhouettes:
-    """The silhouettes of masks [h, w] uint8 by view, each without a say where it alone contradicts the others.
+    """The silhouettes of masks [h, w] uint8 by view, each without a say where it contradicts the others.
 
     unexplained: share of each view's foreground that the others contradict
     (`posegaussian.stages.silhouettes.agreement`): of a mask of which most is, nothing is asked. Of fewer than four
@@ -63,8 +67,11 @@ def reconciled(
 def contradicting(
     rig: Rig, masks: Mapping[int, np.ndarray], silhouettes: Silhouettes, unexplained: Mapping[int, float]
 ) -> np.ndarray:
-    """[S, h, w] uint8: 1 where a silhouette alone carves foreground rays of the others, see `reconciled`."""
+    """[S, h, w] uint8: where a silhouette carves foreground rays that others agree on, see `reconciled`: 1 alone, 2
+    together with another one, which two views must say: one alone may be what is wrong.
+    """
     out, views = np.zeros(silhouettes.distance.shape, np.uint8), silhouettes.views
+    two, told = np.zeros_like(out), np.zeros_like(out)
     for view in views if len(views) >= OUTVOTED else ():
         if unexplained[view] >= BELIEVED:
             continue
@@ -74,8 +81,12 @@ def contradicting(
             if not len(lost):
                 break
         else:
-            out |= single_carvers(silhouettes, view, origin, lost)
-    return out
+            carvers = few_carvers(silhouettes, view, origin, lost)
+            out |= carvers == 1
+            if (together := carvers > 1).any():
+                two |= together
+                told += np.stack([cv2.dilate(t.astype(np.uint8), disc(AROUND)) for t in together])
+    return np.where(out > 0, out, 2 * (two & (told > 1)))
 
 
 def without_say(silhouettes: Silhouettes, places: np.ndarray) -> Silhouettes:
@@ -96,7 +107,7 @@ def without_say(silhouettes: Silhouettes, places: np.ndarray) -> Silhouettes:
 
 
 def agreed(rig: Rig, masks: Mapping[int, np.ndarray]) -> Silhouettes:
-    """What the masks [h, w] uint8 of one frame say, by view; of those that fit the others, each but where it alone
+    """What the masks [h, w] uint8 of one frame say, by view; of those that fit the others, each but where it
     contradicts them, and of none where no mask has a background."""
     views = sorted(masks)
     if not views:
@@ -108,6 +119,23 @@ def agreed(rig: Rig, masks: Mapping[int, np.ndarray]) -> Silhouettes:
     silhouettes = Silhouettes.of(rig, masks, centre, radius)
     found = agreement(rig, masks, silhouettes)
     return reconciled(rig, masks, silhouettes.kept(set(found.carving)), found.unexplained)
+
+
+def lacking(silhouettes: Silhouettes, view: int, mask: np.ndarray) -> np.ndarray:
+    """[h, w] bool: where a view's mask [h, w] uint8 has nothing though the other views' have something there, by what
+    `agreed` left of them: the places without a say that reach farther than outlines err, and all that is empty of a
+    mask that carves nothing at all."""
+    empty = mask == 0
+    if view not in silhouettes.views:
+        return empty
+    high, wide = mask.shape
+    unheard = empty & (silhouettes.distance[silhouettes.views.index(view), :high, :wide] <= -TOLERANCE)
+    if not unheard.any():
+        return unheard
+    far = AROUND + max(MISSING[0], MISSING[1] * max(high, wide))
+    beyond = cv2.distanceTransform(empty.astype(np.uint8), cv2.DIST_L2, 5) > far
+    parts = cv2.connectedComponents(unheard.astype(np.uint8))[1]
+    return unheard & np.isin(parts, parts[unheard & beyond])
 
 
 def foreground_rays(rig: Rig, view: int, mask: np.ndarray, most: int | None) -> tuple[np.ndarray, np.ndarray]:
@@ -137,9 +165,10 @@ def _asked(inside: np.ndarray) -> np.ndarray:
     return np.stack([columns, rows], axis=-1)
 
 
-def single_carvers(silhouettes: Silhouettes, view: int, origin: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    """[S, h, w] uint8: 1 in the picture of the one silhouette that carves a ray [N, 3] of `view`, where it sees the
-    point that it carves the least; nothing of a ray that nobody carves alone."""
+def few_carvers(silhouettes: Silhouettes, view: int, origin: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """[S, h, w] uint8: in the pictures of the few silhouettes that carve a ray [N, 3] of `view`, where they see the
+    point that they carve the least, how many these are, at least; 0 elsewhere. Rays that many carve everywhere mark
+    nothing."""
     out = np.zeros(silhouettes.distance.shape, np.uint8)
     _give_up(
         origin,
@@ -170,33 +199,38 @@ def _give_up(
     pixel: float,
     out: np.ndarray,
 ) -> None:
-    """Mark in out [S, h, w] the pixel at which a single one of the `others`, the first `sides` of which look from the
-    side, carves a ray [N, 3] the least; `pixel` metres a step. A ray without such a point marks nothing."""
+    """Mark in out [S, h, w] the pixels at which the fewest of the `others`, `OVERRULED` at most, carve a ray [N, 3] the
+    least, by how many they are; the first `sides` of the others look from the side. `pixel` metres a step. A ray
+    without such a point marks none."""
     count = projections.shape[0]
     start, along = np.empty((count, 3)), np.empty((count, 3))
+    carvers, by = np.empty(OVERRULED, np.int64), np.empty(OVERRULED, np.int64)
     for n in range(len(directions)):
         d = directions[n]
         z, last = in_sphere(origin - centre, d, radius)
         into_views(origin, d, projections, start, along)
         z, last = watched(start, along, sizes, others, sides, nearest_to(origin - centre, d), 1, z, last)
         step = pixel / np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
-        least, by, at = np.inf, -1, 0.0
+        fewest, least, at = OVERRULED, np.inf, 0.0
         for _ in range(MOST_POINTS):  # a step that is lost in z's rounding would never end
             if not z <= last:
                 break
-            seen, against, carver, far = 0, 0, -1, 0.0
+            seen, against, far = 0, 0, 0.0
             for v in others:
                 px, _edge, _w = beside(z, v, start, along, distance, sizes)
                 seen += px > -np.inf
                 if px > TOLERANCE:
-                    against, carver, far = against + 1, v, px
-                    if against > 1:
+                    against, far = against + 1, max(far, px)
+                    if against > fewest:
                         break
-            if against == 1 and seen - 1 >= WITNESSES and far < least:
-                least, by, at = far, carver, z
+                    carvers[against - 1] = v
+            enough = 0 < against <= fewest and seen - against >= max(WITNESSES, against + 1)
+            if enough and (against < fewest or far < least):
+                fewest, least, at = against, far, z
+                by[:against] = carvers[:against]
             z += step
-        if by >= 0:
-            w = start[by, 2] + at * along[by, 2]
-            column = int((start[by, 0] + at * along[by, 0]) / w + 0.5)
-            row = int((start[by, 1] + at * along[by, 1]) / w + 0.5)
-            out[by, row, column] = 1
+        for v in by[: fewest if least < np.inf else 0]:
+            w = start[v, 2] + at * along[v, 2]
+            column = int((start[v, 0] + at * along[v, 0]) / w + 0.5)
+            row = int((start[v, 1] + at * along[v, 1]) / w + 0.5)
+            out[v, row, column] = fewest if out[v, row, column] == 0 else min(fewest, out[v, row, column])

@@ -31,6 +31,8 @@ class DevicePicture:
     """sRGB 0..1, premultiplied by the mask."""
     cover: torch.Tensor  # [h, w]
     """The mask, 0..1."""
+    beside: torch.Tensor  # [h, w]
+    """Weight of what should be empty."""
     moments: torch.Tensor  # [6, h, w]
     """Mean of the picture and of its squares around every pixel, under SSIM's window."""
 
@@ -39,7 +41,8 @@ class DevicePicture:
         """Of a picture on the CPU."""
         color = torch.from_numpy(np.ascontiguousarray(filmed.color.transpose(2, 0, 1))).to(device)
         moments = blur(torch.cat([color, color * color]))
-        return cls(filmed.camera, color, torch.from_numpy(np.ascontiguousarray(filmed.cover)).to(device), moments)
+        cover, beside = (torch.from_numpy(np.ascontiguousarray(a)).to(device) for a in (filmed.cover, filmed.beside))
+        return cls(filmed.camera, color, cover, beside, moments)
 
 
 def device_loss(color: torch.Tensor, alpha: torch.Tensor, picture: DevicePicture) -> tuple[torch.Tensor, torch.Tensor]:
@@ -50,9 +53,10 @@ def device_loss(color: torch.Tensor, alpha: torch.Tensor, picture: DevicePicture
     planes = color.new_empty((9, height, width))
     _products[grid](color, picture.color, planes, n)
     slopes = torch.empty_like(planes)
-    _structure[grid](blur(planes), picture.moments, alpha, picture.cover, slopes, n)
+    _structure[grid](blur(planes), picture.moments, alpha, picture.cover, picture.beside, slopes, n)
     by_color, by_alpha = torch.empty_like(color), torch.empty_like(alpha)
-    _gathered[grid](blur(slopes), color, picture.color, alpha, picture.cover, by_color, by_alpha, n)
+    own = picture.color, alpha, picture.cover, picture.beside
+    _gathered[grid](blur(slopes), color, *own, by_color, by_alpha, n)
     return by_color, by_alpha
 
 
@@ -85,18 +89,19 @@ def _products(color, picture, planes, n):
 
 
 @triton.jit
-def _weight(alpha, cover, at, listed):
-    """1 beside the person, and the rendered alpha on the person."""
+def _weight(alpha, cover, beside, at, listed):
+    """That of its own beside the person, and the rendered alpha on the person."""
     on = tl.load(cover + at, mask=listed, other=0.0) > 0.0
-    return tl.where(on, tl.load(alpha + at, mask=listed, other=0.0), 1.0)
+    drawn = tl.load(alpha + at, mask=listed, other=0.0)
+    return tl.where(on, drawn, tl.load(beside + at, mask=listed, other=0.0))
 
 
 @triton.jit
-def _structure(means, moments, alpha, cover, slopes, n):
+def _structure(means, moments, alpha, cover, beside, slopes, n):
     """Write what D-SSIM changes by with the window's mean, its squares and its products [9, h, w]."""
     at = tl.program_id(0) * _BLOCK + tl.arange(0, _BLOCK)
     listed = at < n
-    s = _STRUCTURE * _weight(alpha, cover, at, listed)
+    s = _STRUCTURE * _weight(alpha, cover, beside, at, listed)
     for c in tl.static_range(3):
         a = tl.load(means + c * n + at, mask=listed, other=0.0)
         aa = tl.load(means + (3 + c) * n + at, mask=listed, other=0.0)
@@ -115,11 +120,11 @@ def _structure(means, moments, alpha, cover, slopes, n):
 
 
 @triton.jit
-def _gathered(by_window, color, picture, alpha, cover, by_color, by_alpha, n):
+def _gathered(by_window, color, picture, alpha, cover, beside, by_color, by_alpha, n):
     """Write the slopes by every pixel: of the windows it lies in, and of its own difference."""
     at = tl.program_id(0) * _BLOCK + tl.arange(0, _BLOCK)
     listed = at < n
-    w = _weight(alpha, cover, at, listed)
+    w = _weight(alpha, cover, beside, at, listed)
     for c in tl.static_range(3):
         x = tl.load(color + 3 * at + c, mask=listed, other=0.0)
         y = tl.load(picture + c * n + at, mask=listed, other=0.0)

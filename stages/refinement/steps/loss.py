@@ -27,11 +27,19 @@ class Filmed:
     """float32, sRGB 0..1, premultiplied by the mask."""
     cover: np.ndarray  # [h, w]
     """The mask, float32, 0..1."""
+    lacking: np.ndarray | None = None  # [h, w]
+    """Where the mask has nothing, but the other views' masks have somebody; None: nowhere."""
 
     @cached_property
     def covered(self) -> np.ndarray:
         """[h, w] bool: where somebody is."""
         return self.cover > 0
+
+    @cached_property
+    def beside(self) -> np.ndarray:
+        """[h, w] float32 weight of what should be empty: 1, and 0 where the mask may lack something."""
+        everywhere = np.ones(self.cover.shape, np.float32)
+        return everywhere if self.lacking is None else np.where(self.lacking, np.float32(0), everywhere)
 
     @cached_property
     def moments(self) -> Moments:
@@ -53,10 +61,11 @@ def loss(color: np.ndarray, alpha: np.ndarray, filmed: Filmed) -> Loss:
     """Sum of w ((1 - STRUCTURE) mean_rgb |color - picture| + STRUCTURE D-SSIM + COVERAGE |alpha - mask|) over the
     pixels; color [h, w, 3] and alpha [h, w] float32 as rendered, all premultiplied.
 
-    w is 1 beside the person, where all should be empty, and the rendered alpha, as a constant, on the person: what no
-    depth map holds is a hole, and Gaussians around it that grow to fill it in one picture are wrong in every other.
+    w is 1 beside the person, where all should be empty (0 where the mask may lack something), and the rendered alpha,
+    as a constant, on the person: what no depth map holds is a hole, and Gaussians around it that grow to fill it in one
+    picture are wrong in every other.
     """
-    return weighed(color, alpha, filmed, np.where(filmed.covered, alpha, np.float32(1)), COVERAGE)
+    return weighed(color, alpha, filmed, np.where(filmed.covered, alpha, filmed.beside), COVERAGE)
 
 
 def weighed(color: np.ndarray, alpha: np.ndarray, filmed: Filmed, weight: np.ndarray, coverage: float) -> Loss:

@@ -2,11 +2,14 @@
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from posegaussian.stages.refinement.judging import USUAL, best_share, error_of, settled
+from posegaussian.stages.refinement.judging import USUAL, Judge, Judgement, best_share, error_of, settled
+from posegaussian.stages.refinement.steps.loss import Filmed
+from posegaussian.stages.splatting.definition.scene import Camera, Gaussians
 
 PICTURES = arrays.arrays(np.float32, (3, 2, 4, 3), elements=st.floats(0, 1, width=32))
 DRAWN = settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
@@ -57,3 +60,24 @@ def test_it_grows_with_the_judges_share_and_is_none_without_it() -> None:
     assert found[0] == 0
     assert (np.diff(found) > 0).all()
     assert settled(USUAL) == pytest.approx(USUAL)
+
+
+def test_what_the_judges_mask_may_lack_is_not_judged() -> None:
+    """Whatever the photograph has there; anywhere else it counts."""
+    random = np.random.default_rng(4)
+    truth, unrefined = (random.random((12, 10, 3)).astype(np.float32) for _ in range(2))
+    lacking, cover = np.zeros((12, 10), bool), np.ones((12, 10), np.float32)
+    lacking[7:] = True
+    gaussian = Gaussians(
+        *(torch.tensor(a) for a in ([[0.0, 0, 2]], [np.eye(3).tolist()], [[0.3] * 3], [0.9], [[0.2, 0.5, 0.7]]))
+    )
+    camera = Camera(np.array([[12.0, 0, 5], [0, 12, 6], [0, 0, 1]]), np.eye(4), 10, 12)
+
+    def judged(picture: np.ndarray) -> tuple[float, Judgement]:
+        judge = Judge(Filmed(camera, picture, cover, lacking), unrefined)
+        return judge.before, judge.judgement(lambda: gaussian)
+
+    there, elsewhere = truth.copy(), truth.copy()
+    there[lacking], elsewhere[2] = 0, 0
+    assert judged(there) == judged(truth)
+    assert judged(elsewhere) != judged(truth)

@@ -107,3 +107,25 @@ def test_empty_pictures_cost_nothing() -> None:
     found = loss(empty, nothing, filmed(empty, nothing))
     assert found.value == 0.0
     assert not found.by_color.any()
+
+
+def test_what_a_mask_may_lack_costs_nothing_and_the_rest_what_it_did() -> None:
+    """Farther from it than half the window of SSIM, nothing else changes by what is drawn there."""
+    drawn, truth = pictures()
+    cover = (truth.sum(axis=-1) > 0).astype(np.float32)
+    lacking = np.zeros((H, W), bool)
+    lacking[29:, 30:] = True
+    more, alpha = drawn.copy(), np.where(cover > 0, 0.9, 0).astype(np.float32)
+    own = Filmed(filmed(truth, cover).camera, truth, cover, lacking)
+    before = loss(drawn, alpha, own)
+    more[lacking], alpha[lacking] = 0.7, 0.8
+    after, counted = loss(more, alpha, own), loss(more, alpha, filmed(truth, cover))
+    assert not after.by_alpha[lacking].any()
+    assert counted.by_alpha[lacking].all()
+    near = np.zeros((H, W), bool)
+    near[29 - 5 :, 30 - 5 :] = True  # windows of 11 px
+    np.testing.assert_array_equal(after.by_alpha[~near], before.by_alpha[~near])
+    assert counted.value - after.value > 0.5 * 0.7 * 0.8 * lacking.sum()
+    whole = Filmed(own.camera, truth, cover, np.zeros((H, W), bool))
+    for a, b in zip(loss(more, alpha, whole), counted, strict=True):
+        np.testing.assert_array_equal(a, b)

@@ -39,11 +39,13 @@ def random_offsets(walk: HostWalk) -> dict[str, np.ndarray]:
     return {n: np.clip(o, *walk.gaussians.bounds[n]).astype(np.float32) for n, o in made.items()}
 
 
-def test_the_slopes_of_the_loss_are_those_on_the_cpu() -> None:
+@pytest.mark.parametrize("whole", [True, False])
+def test_the_slopes_of_the_loss_are_those_on_the_cpu(whole: bool) -> None:
     random = np.random.default_rng(2)
     cover = (random.random((30, 23)) > 0.4).astype(np.float32) * random.random((30, 23)).astype(np.float32)
     picture = random.random((30, 23, 3)).astype(np.float32) * cover[..., None]
-    filmed = Filmed(Camera(np.eye(3), np.eye(4), 23, 30), picture, cover)
+    lacking = None if whole else (cover == 0) & (random.random((30, 23)) > 0.5)
+    filmed = Filmed(Camera(np.eye(3), np.eye(4), 23, 30), picture, cover, lacking)
     alpha = random.random((30, 23)).astype(np.float32)
     alpha[4], alpha[5] = 0, cover[5]  # nothing drawn, and as it should be
     color = random.random((30, 23, 3)).astype(np.float32) * alpha[..., None]

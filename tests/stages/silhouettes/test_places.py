@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
 from posegaussian.stages.geometry.epipolar import fundamental, signed_epipolar_distance
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.silhouettes.agreement import agreement
+from posegaussian.stages.silhouettes.hidden import without_hidden
 from posegaussian.stages.silhouettes.hull import Silhouettes, searched_radius
-from posegaussian.stages.silhouettes.places import AROUND, reconciled
+from posegaussian.stages.silhouettes.places import AROUND, agreed, foreground_rays, lacking, missed, reconciled
 from posegaussian.stages.silhouettes.tangents import outline, touching
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
 
@@ -89,3 +91,54 @@ def test_outermost_points_of_outlines_lie_on_each_others_lines(person: PersonCap
     assert not cut[1].all()
     corners, free = outline(np.zeros((16, 16), np.uint8))
     assert len(corners) == len(free) == 0
+
+
+def cut(mask: np.ndarray, share: float) -> np.ndarray:
+    """The upper share of what is on a mask."""
+    rows = np.nonzero(mask.any(axis=1))[0]
+    out = mask.copy()
+    out[int(rows[0] + share * (rows[-1] - rows[0])) :] = 0
+    return out
+
+
+@pytest.mark.parametrize(("share", "least"), [(0.85, 0.9), (0.5, 1.0)], ids=["the feet", "its lower half"])
+def test_what_a_mask_lacks_is_known_in_its_view_alone(person: PersonCapture, share: float, least: float) -> None:
+    """Of a mask that fits no other all that is empty is in doubt; of one that lacks a part, that and no more."""
+    masks = given(person)
+    less = masks | {3: cut(masks[3], share)}
+    silhouettes = agreed(person.rig, less)
+    found = {v: lacking(silhouettes, v, less[v]) for v in VIEWS}
+    lost = (masks[3] >= 128) & (less[3] == 0)
+    assert found[3][lost].mean() >= least
+    assert not (found[3] & (less[3] > 0)).any()
+    assert sum(found[v].sum() for v in VIEWS if v != 3) < 0.2 * lost.sum(), (
+        "a ray may leave it nearer to another outline"
+    )
+    if 3 in silhouettes.views:
+        assert (found[3] & ~lost).sum() < lost.sum(), "discs reach over the edge of what it lacks"
+
+
+@pytest.mark.parametrize("pair", [(1, 5), (2, 3)], ids=["opposite", "neighbours"])
+def test_what_two_masks_lack_six_others_know(person: PersonCapture, pair: tuple[int, int]) -> None:
+    """Both without the feet: neither carves them any more, for the others or for depth."""
+    masks = given(person)
+    less = masks | {v: cut(masks[v], 0.85) for v in pair}
+    silhouettes = agreed(person.rig, less)
+    for v in pair:
+        lost = (masks[v] >= 128) & (less[v] == 0)
+        assert lacking(silhouettes, v, less[v])[lost].mean() > 0.9
+    before = prepared(person, less)
+    hull = without_hidden(person.rig, less, before, agreement(person.rig, less, before).unexplained)
+    for view in (0, 6):
+        origin, directions = foreground_rays(person.rig, view, masks[view], None)
+        assert missed(before, view, origin, directions).mean() > 0.05
+        assert missed(hull, view, origin, directions).mean() < 0.02, "toes and what a stride of the grid leaves"
+
+
+def test_masks_lack_nothing_where_outlines_differ_a_little() -> None:
+    """Exact, and a pixel too small in one view: at 128 px that is a hand."""
+    person = capture_person(views=8, size=256, frames=1)
+    masks = given(person)
+    for own in (masks, masks | {3: cv2.erode(masks[3], np.ones((3, 3)))}):
+        silhouettes = agreed(person.rig, own)
+        assert not any(lacking(silhouettes, v, own[v]).any() for v in VIEWS)
