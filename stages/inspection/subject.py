@@ -322,8 +322,6 @@ def _on_mask(joints: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """[n] whether each known joint of [17, 3] px that lies in the picture is on the mask [h, w], or near it."""
     high, wide = mask.shape
     near = cv2.distanceTransform((~foreground(mask)).astype(np.uint8), cv2.DIST_L2, 3) <= WITHIN * max(high, wide)
-    if not foreground(mask).any():
-        near[:] = False
     x, y = np.floor(joints[:, :2]).astype(int).T
     known = (joints[:, 2] >= SCORE) & (x >= 0) & (x < wide) & (y >= 0) & (y < high)
     return np.asarray(near[y[known], x[known]])
