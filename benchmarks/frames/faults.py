@@ -38,8 +38,10 @@ class Fault:
     image: Change | None = None
     """Of every source picture."""
     mask: Change | None = None
-    camera: Callable[[dict[str, Any], np.random.Generator], None] | None = None
-    """Of every source camera's entry in cameras.json."""
+    camera: Callable[[dict[str, Any], int, np.random.Generator], None] | None = None
+    """Of every source camera's entry in cameras.json, by its number."""
+    exchanged: tuple[int, int] | None = None
+    """Numbers of two source cameras whose files are each other's."""
 
 
 def only(*views: int) -> Callable[[Change], Change]:
@@ -102,19 +104,40 @@ def _part(a: np.ndarray, share: float) -> int:
     return round(share * max(a.shape))
 
 
-def _turned(camera: dict[str, Any], random: np.random.Generator) -> None:
-    turn = cv2.Rodrigues(np.radians(0.12) * random.normal(size=3) / np.sqrt(3))[0]
-    camera["R"] = (turn @ np.array(camera["R"])).tolist()
-    camera["t"] = (turn @ np.array(camera["t"]) + 0.003 * random.normal(size=3)).tolist()
+def _turn(camera: dict[str, Any], degrees: np.ndarray) -> None:
+    """By a rotation vector [3] in the camera's axes: right, down, ahead."""
+    turn = cv2.Rodrigues(np.radians(degrees))[0]
+    camera["R"], camera["t"] = (turn @ np.array(camera["R"])).tolist(), (turn @ np.array(camera["t"])).tolist()
 
 
-def _zoomed(camera: dict[str, Any], random: np.random.Generator) -> None:
+def _moved(camera: dict[str, Any], metres: np.ndarray) -> None:
+    """Along its axes."""
+    camera["t"] = (np.array(camera["t"]) + metres).tolist()
+
+
+def _turned(camera: dict[str, Any], _v: int, random: np.random.Generator) -> None:
+    _turn(camera, 0.12 * random.normal(size=3) / np.sqrt(3))
+    _moved(camera, 0.003 * random.normal(size=3))
+
+
+def of_some(change: Callable[[dict[str, Any], np.ndarray], None], *by: tuple[int, tuple[float, float, float]]) -> Any:
+    """A change of some cameras alone, each by so much."""
+
+    def camera_change(camera: dict[str, Any], v: int, _random: np.random.Generator) -> None:
+        for view, much in by:
+            if v == view:
+                change(camera, np.array(much))
+
+    return camera_change
+
+
+def _zoomed(camera: dict[str, Any], _v: int, random: np.random.Generator) -> None:
     by = 1 + random.normal(0, 0.01)
     camera["K"][0][0] *= by
     camera["K"][1][1] *= by
 
 
-def _shifted(camera: dict[str, Any], random: np.random.Generator) -> None:
+def _shifted(camera: dict[str, Any], _v: int, random: np.random.Generator) -> None:
     for row in (0, 1):
         camera["K"][row][2] += random.normal(0, 2)
 
@@ -140,6 +163,16 @@ FAULTS = {
     "half": Fault("one camera's mask lacks the lower half", mask=only(2)(_cut(0.5))),
     "legs": Fault("two cameras' masks lack the lower legs", mask=only(1, 5)(_cut(0.75))),
     "turned": Fault("cameras turned by 0.12 degrees, moved by 3 mm", camera=_turned),
+    "pan": Fault("one camera turned sideways by 0.5 degrees", camera=of_some(_turn, (2, (0, 0.5, 0)))),
+    "pan_far": Fault("one camera turned sideways by 5 degrees", camera=of_some(_turn, (2, (0, 5, 0)))),
+    "tilt": Fault("one camera tilted by 1 degree", camera=of_some(_turn, (2, (1, 0, 0)))),
+    "two_pans": Fault(
+        "two cameras turned sideways by 2 degrees", camera=of_some(_turn, (1, (0, 2, 0)), (4, (0, -2, 0)))
+    ),
+    "two_rolls": Fault("two cameras rolled by 3 degrees", camera=of_some(_turn, (1, (0, 0, 3)), (4, (0, 0, -3)))),
+    "aside": Fault("one camera 5 cm aside", camera=of_some(_moved, (2, (0.05, 0, 0)))),
+    "behind": Fault("one camera 30 cm farther back", camera=of_some(_moved, (2, (0, 0, 0.3)))),
+    "exchanged": Fault("two cameras' files exchanged", exchanged=(1, 3)),
     "focal": Fault("focal lengths off by 1 %", camera=_zoomed),
     "shifted": Fault("principal points off by 2 px", camera=_shifted),
     "lens": Fault("a lens that nobody wrote down (k1 = 0.05)", image=_bent, mask=_bent),
@@ -159,10 +192,15 @@ def spoil(capture: Path, held_out: set[str], fault: Fault) -> None:
     if fault.camera:
         file = capture / "cameras.json"
         written = json.loads(file.read_text())
-        for camera in written["cameras"]:
-            if camera["name"] not in held_out:
-                fault.camera(camera, random)
+        for v, camera in enumerate(c for c in written["cameras"] if c["name"] not in held_out):
+            fault.camera(camera, v, random)
         file.write_text(json.dumps(written))
+    for kind in ("images", "masks", "joints") if fault.exchanged else ():
+        files = [f for f in sorted((capture / kind).iterdir()) if f.stem not in held_out]
+        one, other = (files[v] for v in fault.exchanged or ())
+        one.rename(aside := capture / kind / "aside")
+        other.rename(one)
+        aside.rename(other)
 
 
 def rows(cell: Cell, faults: Sequence[str], settings: tuple[str, ...]) -> Iterator[dict[str, Any]]:

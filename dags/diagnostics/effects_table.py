@@ -73,7 +73,7 @@ def _cameras(plan: Plan) -> tuple[str, str, str]:
     return (
         f"{max(found):.3g} {TRUST.unit}" if found else "",
         state,
-        "; ".join(cameras[name].sentence for name in out)
+        "; ".join(v.sentence for v in cameras.values() if v.overruled)
         or f"views.trust: {'all cameras are' if len(cameras) > 1 else 'the camera is'} believed",
     )
 

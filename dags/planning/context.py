@@ -14,18 +14,20 @@ from posegaussian.dags.planning.effects import (
     Demand,
     EffectVerdict,
     Verdicts,
+    as_believed,
     as_they_stand,
     decided_facts,
     of_believed,
     perhaps_gone,
     refusals,
     useful,
+    verdicts_on_cameras,
     with_optional,
 )
 from posegaussian.stages.contract.declaration import Evidence, Stage
 from posegaussian.stages.contract.facts import ESTIMATED, FEW_SOURCES, HELD_OUT, SINGLE_SOURCE, Facts
 from posegaussian.stages.contract.io import Views
-from posegaussian.stages.contract.trust import CameraVerdict, asks, judged_cameras
+from posegaussian.stages.contract.trust import CameraVerdict, asks
 from posegaussian.stages.registry import ASSETS, PATHS, STAGES, TRUST
 from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.archive.store import SequenceGroup
@@ -104,11 +106,7 @@ class Context:
     @cached_property
     def cameras(self) -> dict[str, CameraVerdict]:
         """What is known of every camera that may be a source, by name."""
-        sources = list(self.asked_views.sources)
-        pairs = {a: self.noted[a][:, sources] for a in TRUST.asks if a in self.noted}
-        return judged_cameras(
-            TRUST, tuple(self.asked_views.names[v] for v in sources), self.settings.views.trust, pairs
-        )
+        return verdicts_on_cameras(self.asked_views, self.settings.views.trust, self.noted)
 
     @property
     def cameras_undecided(self) -> bool:
@@ -138,16 +136,21 @@ class Context:
 
     @cached_property
     def calibrated_rig(self) -> Rig:
-        """The same as they are calibrated."""
+        """The same before effects turn them."""
         frames = stage_named("frames")
         assert frames.cameras is not None
-        return frames.cameras(self.capture.rig, self.params(frames))
+        return frames.cameras(self.source_rig, self.params(frames))
+
+    @cached_property
+    def source_rig(self) -> Rig:
+        """Cameras of the captured pictures, those turned that are believed so."""
+        return as_believed(self.capture.rig, self.cameras)
 
     def rig_of(self, stage: Stage) -> Rig:
         """Cameras as a stage sees them: those of `frames/*`, or its own."""
         if stage.cameras is None or stage.name == "frames":
             return self.rig
-        own = stage.cameras(self.capture.rig, self.params(stage))
+        own = stage.cameras(self.source_rig if stage.trust is None else self.capture.rig, self.params(stage))
         return own if stage.sequence_wide else as_they_stand(own, self.effects, self.noted)
 
     @cached_property
@@ -191,11 +194,11 @@ class Context:
     def with_noted(self, noted: Mapping[str, np.ndarray]) -> Context:
         """The same sequence with other notes; all that does not follow from them is taken over, not made again."""
         other, follows = replace(self, noted=noted), {"verdicts", "facts", "waits", "cameras", "views", "rig"}
-        follows |= {"paths", "_made_paths"}
-        if other.views != self.views:
+        follows |= {"paths", "_made_paths", "source_rig", "calibrated_rig"}
+        if (other.views, other.source_rig.digest) != (self.views, self.source_rig.digest):
             follows.add("_targets")
             if not self.asked_for and self.settings.rendering.paths is None:
-                texts = (PATHS.default(self.calibrated_rig, other.views, self.settings),)
+                texts = (PATHS.default(other.calibrated_rig, other.views, self.settings),)
                 other = replace(other, path_texts=texts)
         kept = {k: v for k, v in self.__dict__.items() if k not in {*(f.name for f in fields(self)), *follows}}
         other.__dict__.update(kept)
@@ -233,7 +236,7 @@ class Context:
             self.params(stage_named(stage)),
             self.capture_facts,
             self.calibrated_rig,
-            capture.rig,
+            self.source_rig,
             np.array([s.size for s in capture.pictures]),
             self.captured_to_calibrated,
             sources,

@@ -23,9 +23,11 @@ import numpy as np
 from posegaussian.dags.config.effect_settings import Setting, declared
 from posegaussian.stages.contract.declaration import Choice, Decision, Effect, Evidence, Picked, Stage
 from posegaussian.stages.contract.facts import Facts
-from posegaussian.stages.registry import STAGES
+from posegaussian.stages.contract.io import Views
+from posegaussian.stages.contract.trust import CameraVerdict, TrustSetting, judged_cameras
+from posegaussian.stages.registry import STAGES, TRUST
 from posegaussian.storage.model.cameras import Rig
-from posegaussian.storage.model.spec import TableSpec
+from posegaussian.storage.model.spec import ArraySpec, TableSpec
 
 Answer = TypeVar("Answer")
 MEASURED = tuple(frozenset(w.name for w in s.writes) for s in STAGES if s.sequence_wide)
@@ -236,6 +238,25 @@ def as_they_stand(rig: Rig, effects: Mapping[str, EffectVerdict], notes: Mapping
         if v.effect.stand is not None and v.state == "on":
             rig = v.effect.stand(rig, {array: notes[array] for array in v.effect.uses})
     return rig
+
+
+OF_PAIRS = frozenset(w.name for s in STAGES for w in s.writes if isinstance(w, ArraySpec) and "other_view" in w.dims)
+"""Arrays of pairs of cameras."""
+
+
+def verdicts_on_cameras(
+    asked: Views, setting: TrustSetting, notes: Mapping[str, np.ndarray]
+) -> dict[str, CameraVerdict]:
+    """What is known of every camera that is asked to be a source, by name."""
+    sources = list(asked.sources)
+    told = {a: notes[a][:, sources] if a in OF_PAIRS else notes[a] for a in TRUST.asks if a in notes}
+    return judged_cameras(TRUST, tuple(asked.names[v] for v in sources), setting, told)
+
+
+def as_believed(rig: Rig, cameras: Mapping[str, CameraVerdict]) -> Rig:
+    """Cameras as they are written down, those turned that are believed to stand so."""
+    turns = [cameras[name].turn if name in cameras else np.zeros(3) for name in rig.names]
+    return TRUST.stand(rig, np.array(turns))
 
 
 def of_believed(

@@ -338,7 +338,7 @@ def _notes(context: Context, book: Book, fresh: Collection[Task]) -> tuple[str, 
                 f" {s.name}` takes it anew"
             )
     found += _changed_sources(context)
-    found += [v.sentence for v in context.cameras.values() if v.state == "left out"]
+    found += [v.sentence for v in context.cameras.values() if v.overruled]
     for path in context.paths.values():
         idle = [name for name, served in zip(path.names, np.any(path.served, axis=0), strict=True) if not served]
         if idle:

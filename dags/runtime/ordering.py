@@ -81,7 +81,7 @@ def scope_of(context: Context, task: Task) -> TaskScope:
         views=context.views_of(stage_named(task.stage)),
         view=task.view,
         rig=context.rig_of(stage_named(task.stage)),
-        source_rig=context.capture.rig,
+        source_rig=context.source_rig if stage_named(task.stage).trust is None else context.capture.rig,
         captured_to_calibrated=context.captured_to_calibrated,
         path=_path(context, task),
         facts=context.facts,

@@ -255,7 +255,7 @@ class Run:
         decided = take_decisions(plan)
         if open_cameras and not plan.context.cameras_undecided:
             for verdict in plan.context.cameras.values():
-                if verdict.state == "left out":
+                if verdict.overruled:
                     self.tell(Notice(f"{name}: {verdict.sentence}"))
         if plan.context.paths.keys() != before:
             self._change_paths(plan)

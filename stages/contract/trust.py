@@ -4,13 +4,15 @@ measured become one verdict a camera, with its reason."""
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
+from posegaussian.storage.model.cameras import Rig
+
 TrustSetting = Literal["auto", "all"] | list[str]
-KINDS = ("features", "outlines", "joints", "carving")
+KINDS = ("features", "outlines", "joints")
 """What two cameras are compared by, in the order in which it is noted."""
 
 
@@ -25,6 +27,8 @@ class Belief:
     be compared."""
     reason: str
     """One sentence for the plan."""
+    turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Rad about its own axes by which it stands turned against what is written down."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +44,9 @@ class Trust:
     fewest: int
     """Cameras below which nobody can tell who is wrong: all are believed."""
     decide: Callable[[tuple[str, ...], Mapping[str, np.ndarray]], tuple[Belief, ...]]
-    """(names of S cameras, notes [S, S, ...] of their pairs by array) -> what is said of each."""
+    """(names of S cameras, notes [S, ...] of them and [S, S, ...] of their pairs by array) -> what is said of each."""
+    stand: Callable[[Rig, np.ndarray], Rig]
+    """(cameras as they are written down, [V, 3] rad by which they are believed to be turned) -> as they stand."""
 
 
 @dataclass(frozen=True)
@@ -60,10 +66,22 @@ class CameraVerdict:
         return "undecided" if self.belief is None else "believed" if self.belief.believed else "left out"
 
     @property
+    def turn(self) -> np.ndarray:
+        """[3] rad about its own axes by which it stands turned, 0 of a camera that is left out or undecided."""
+        return np.array(self.belief.turn if self.belief is not None and self.belief.believed else (0.0, 0.0, 0.0))
+
+    @property
+    def overruled(self) -> bool:
+        """Whether it is left out, or turned: something else is done than is written down."""
+        return self.state == "left out" or bool(self.turn.any())
+
+    @property
     def sentence(self) -> str:
         """`camera p098 left out (auto): ...`."""
         assert self.belief is not None, f"camera {self.camera} is not decided"
-        return f"camera {self.camera} {self.state} ({'forced' if self.forced else 'auto'}): {self.belief.reason}"
+        turned = f" turned by {np.degrees(np.linalg.norm(self.turn)):.2f} degrees" if self.turn.any() else ""
+        how = "forced" if self.forced else "auto"
+        return f"camera {self.camera} {self.state}{turned} ({how}): {self.belief.reason}"
 
 
 def asks(trust: Trust, cameras: Sequence[str], setting: TrustSetting) -> bool:
@@ -76,7 +94,7 @@ def judged_cameras(
 ) -> dict[str, CameraVerdict]:
     """The verdict on every camera that may be a source, by name.
 
-    `noted`: [S, S, ...] of these cameras, by array; empty before the survey ran.
+    `noted`: [S, ...] of these cameras and [S, S, ...] of their pairs, by array; empty before the survey ran.
     """
     measured: tuple[Belief | None, ...] = (None,) * len(cameras)
     if len(cameras) < trust.fewest:
@@ -89,6 +107,6 @@ def judged_cameras(
         forced = setting == "all" or camera in setting
         if forced:
             said = f"; {belief.reason}" if belief is not None else ""
-            belief = Belief(True, belief.measured if belief else None, f"views.trust says so{said}")
+            belief = replace(belief or Belief(True, None, ""), believed=True, reason=f"views.trust says so{said}")
         found[camera] = CameraVerdict(camera, forced, belief)
     return found

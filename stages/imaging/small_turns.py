@@ -27,6 +27,8 @@ SCATTER = np.repeat([0.3, 0.5], MOST)
 """By how much a link misses its line though the cameras stand right, of a picture of `SIDE` px: masks end at whole
 pixels, and a feature of a turned surface is found elsewhere."""
 SIDE = 512.0
+APART = 2.0
+"""Px of such a picture from which on a silhouette that no turn makes fit the others is of a wrong camera."""
 WRITTEN, LEAST = 2.0, 1e-3
 """Times the median by which links miss their lines, and least px: by so much cameras that are written down may be off,
 one standard deviation an axis; what links do not tell stays within it."""

@@ -13,6 +13,7 @@ from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.contract.io import Inputs, TaskScope, Views
 from posegaussian.stages.geometry.triangulation import triangulate
 from posegaussian.stages.imaging.color import to_display
+from posegaussian.stages.imaging.small_turns import turned
 from posegaussian.stages.imaging.warp import Warp
 from posegaussian.stages.inspection.joint_fit import joint_offsets, most_joints
 from posegaussian.stages.survey.algorithms.joints import RESIDUAL, SCORE, people_of, seen_joints
@@ -149,6 +150,12 @@ class Footage:
         believed = tuple(v for v in self.believed if self.names[v] not in names)
         views = replace(self.scope.views, sources=believed)
         return replace(self, scope=replace(self.scope, views=views)) if names else self
+
+    def standing(self, turns: Mapping[str, np.ndarray]) -> Footage:
+        """The same footage, cameras turned by [3] rad about their own axes, by name."""
+        of_view = np.array([turns.get(name, np.zeros(3)) for name in self.names])
+        scope = replace(self.scope, rig=turned(self.rig, of_view), source_rig=turned(self.source_rig, of_view))
+        return replace(self, scope=scope)
 
     def source(self, kind: str) -> Any:
         """A reader."""

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from posegaussian.stages.geometry.sync import TimeOffsets
+from posegaussian.stages.imaging.small_turns import turned
 from posegaussian.stages.inspection.cameras import of_aim, of_frames, of_lens
 from posegaussian.stages.inspection.finding import (
     ORDER,
@@ -76,7 +79,9 @@ class Report:
     planned: Planned
     """What a run will make of the capture, of the believed cameras."""
     footage: Footage
-    """What was looked at, and which of its cameras are believed."""
+    """What was looked at, which of its cameras are believed, and all of them as they stand."""
+    turned: tuple[str, ...] = ()
+    """Names of the cameras that a run turns by itself."""
 
     @property
     def verdict(self) -> FindingVerdict:
@@ -129,6 +134,7 @@ class Report:
         estimator, why = self.planned.estimator
         return [
             *([f"run leaves out {self.left_out}: see agreement; views.trust overrules it"] if self.left_out else []),
+            *([f"run turns {', '.join(self.turned)}: see agreement; views.trust overrules it"] if self.turned else []),
             *pair_lines(self.planned),
             f"joints: detection.estimator comes to {estimator}, because {why}",
             f"mattes: {spoken['matte'].sentence}",
@@ -142,12 +148,19 @@ def inspect(footage: Footage, sizes: list[Finding], planned: Planned) -> Report:
     """Measure everything; `sizes` are the findings on picture sizes,
     `planned` is what a run will make of the capture.
 
-    A camera that a run leaves out by itself is compared with the believed ones, and nothing with it.
+    A camera that a run leaves out by itself is compared with the believed ones, and nothing with it; one that a run
+    turns is measured as it stands then.
     """
     verdicts = camera_verdicts(footage, planned)
     gone = {name for name, v in verdicts.items() if v.state == "left out"}
-    footage = footage.without(sorted(gone))
-    planned = replace(planned, sources=tuple(v for v in planned.sources if planned.rig.names[v] not in gone))
+    turns = {name: v.turn for name, v in verdicts.items() if v.turn.any()}
+    footage = footage.without(sorted(gone)).standing(turns)
+    of_view = np.array([turns.get(name, np.zeros(3)) for name in planned.rig.names])
+    planned = replace(
+        planned,
+        rig=turned(planned.rig, of_view),
+        sources=tuple(v for v in planned.sources if planned.rig.names[v] not in gone),
+    )
     pairs = every_pair(planned)
     found = matched_pairs(footage, pairs)
     time, offsets = of_time(footage)
@@ -169,7 +182,7 @@ def inspect(footage: Footage, sizes: list[Finding], planned: Planned) -> Report:
         *of_pairs(planned, pairs),
     ]
     findings = [left_out(f) if gone.intersection(f.cameras) else f for f in measured]
-    return Report(tuple(findings), tuple(pairs), tuple(found), offsets, planned, footage)
+    return Report(tuple(findings), tuple(pairs), tuple(found), offsets, planned, footage, tuple(turns))
 
 
 def _of_calibration(footage: Footage) -> Iterator[Finding]:

@@ -16,6 +16,11 @@ from posegaussian.stages.inspection.planned import Planned
 from posegaussian.stages.survey.algorithms.agreement import agreement_of_view
 from posegaussian.stages.survey.algorithms.links import in_common
 from posegaussian.stages.survey.algorithms.sample import sample_numbers
+from posegaussian.stages.survey.algorithms.standing import AsTheyStand, standing_in
+from posegaussian.stages.survey.algorithms.standing import told as standing_told
+from posegaussian.stages.survey.algorithms.surface import compared_numbers
+from posegaussian.stages.survey.measures.agreement import NAME as AGREEMENT
+from posegaussian.stages.survey.measures.standing import STANDING
 from posegaussian.stages.survey.params import LONGEST, SurveyParams
 from posegaussian.stages.survey.trust import TRUST
 
@@ -25,6 +30,12 @@ MEASURE = "agreement"
 ADVICE = (
     "calibrate it again, or check that its pictures, masks and timing are of this recording; until then a run leaves it"
     " out by itself (views.trust: all believes every camera)"
+)
+
+
+ADVICE_TURNED = (
+    "calibrate it again, or check that it was not moved; until then a run turns it by itself (views.trust: all leaves"
+    " every camera as it is written down)"
 )
 
 
@@ -45,9 +56,10 @@ def camera_verdicts(footage: Footage, planned: Planned) -> dict[str, CameraVerdi
         views=Views(footage.names, tuple(sources), ()),
     )
     inputs, numbers = inputs_of(scope, footage), sample_numbers(footage.common, SurveyParams().sample)
-    told = [agreement_of_view(inputs, v, numbers, in_common(inputs, v, numbers)) for v in sources]
-    pairs = np.stack([of_view[sources] for of_view in told])
-    return judged_cameras(TRUST, names, planned.trust, dict.fromkeys(TRUST.asks, pairs))
+    stand = AsTheyStand(inputs, standing_in(inputs, compared_numbers(numbers)))
+    told = [agreement_of_view(stand, v, numbers, in_common(stand, v, numbers)) for v in sources]
+    pairs, standing = np.stack([of_view[sources] for of_view in told]), standing_told(stand.standing, stand)[sources]
+    return judged_cameras(TRUST, names, planned.trust, {AGREEMENT: pairs, STANDING: standing})
 
 
 def _of_camera(verdict: CameraVerdict) -> Finding:
@@ -56,6 +68,20 @@ def _of_camera(verdict: CameraVerdict) -> Finding:
     if belief.measured is None:
         return unmeasured(MEASURE, names, TRUST.unit, TRUST.bound, TRUST.bound, belief.reason)
     out = verdict.state == "left out"
+    if verdict.turn.any():
+        degrees = float(np.degrees(np.linalg.norm(verdict.turn)))
+        sentence = f"it stands turned by {degrees:.2f} degrees: {belief.reason}"
+        return Finding(
+            MEASURE,
+            names,
+            belief.measured,
+            TRUST.unit,
+            TRUST.bound,
+            TRUST.bound,
+            sentence,
+            ADVICE_TURNED,
+            FindingVerdict.DOUBTFUL,
+        )
     return Finding(
         MEASURE,
         names,

@@ -12,8 +12,10 @@ from posegaussian.stages.detection.reader import EstimatedJoints, joint_reader
 from posegaussian.stages.survey.algorithms.look import Look
 from posegaussian.stages.survey.algorithms.plate import padded
 from posegaussian.stages.survey.algorithms.sample import FEWEST, look, sample_numbers, worked_numbers
+from posegaussian.stages.survey.algorithms.standing import as_they_stand
 from posegaussian.stages.survey.measures.declaration import Sampled
 from posegaussian.stages.survey.measures.registry import MEASURES
+from posegaussian.stages.survey.measures.standing import STANDING
 from posegaussian.stages.survey.params import SurveyParams
 
 FEW = 5
@@ -25,10 +27,13 @@ def run(inputs: Inputs, params: SurveyParams) -> Iterator[Block]:
 
     What is asked for stands in `inputs.facts`. The sample lies evenly over the frames that are worked on, first and
     last included, that of the plate over the whole source; S is `params.sample`, padding is -1. Pictures are decoded
-    only where they are looked at, and once. Measures of a view that is no source are 0: nothing follows from it.
+    only where they are looked at, and once. Measures of a view that is no source are 0: nothing follows from it. All
+    else is measured with the cameras as their silhouettes say they stand, where that is asked for.
     """
     view = inputs.view
     assert view is not None, "the survey stage runs over views"
+    if STANDING in inputs.facts:
+        inputs = as_they_stand(inputs, params.sample)
     numbers = inputs.source("pictures").numbers(view)
     chosen = sample_numbers(worked_numbers(inputs, view), params.sample)
     yield Block("survey/sample", padded(chosen, (params.sample,), -1), view)

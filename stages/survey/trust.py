@@ -8,11 +8,14 @@ cameras that agree with each other, a part of a rig that was registered apart, a
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from posegaussian.stages.contract.trust import KINDS, Belief, Trust
+from posegaussian.stages.imaging.small_turns import APART, SIDE, turned
 from posegaussian.stages.survey.measures.agreement import NAME
+from posegaussian.stages.survey.measures.standing import STANDING
 
 BOUNDS = {"features": 0.003, "outlines": 0.003, "joints": 0.016}
 """Share of the longer side of the picture by which what two cameras see misses their lines when they contradict each
@@ -30,33 +33,25 @@ MAJORITY = 0.5
 """Share of the believed cameras it can be compared with that must contradict a camera, at least."""
 ACCUSERS = 2
 """Believed cameras, at least, that must contradict it."""
-CARVED = 0.05
-"""Share of the foreground, of the others and its own, that is carved because of a camera that looks elsewhere."""
-RELIEF = 0.5
-"""Share of what is carved of the others that must be carved by it alone; what is left must be within the bound."""
-FEWEST_CARVED = 4
-"""Cameras among which one can be told by its silhouette."""
-LINES = KINDS[:3]
-"""The kinds that are told by distance from a line."""
+EXCHANGED = 2
+"""What `survey/standing` says last of a camera that would stand right in the place of another wrong one."""
 WORDS = {"features": "matched features", "outlines": "outlines of masks", "joints": "joints"}
 
 
 def believed(names: tuple[str, ...], noted: Mapping[str, np.ndarray]) -> tuple[Belief, ...]:
-    """What the pairs' agreement [S, S, 4, 2], of lines each pair in either order, says of each of S cameras."""
+    """What the pairs' agreement [S, S, 3, 2], each pair in either order, and the cameras' standing [S, 5] say of each
+    of S cameras."""
     one_way = np.asarray(noted[NAME], dtype=np.float64)
-    pairs = np.maximum(one_way, np.swapaxes(one_way, 0, 1))[:, :, : len(LINES)]
-    carving = one_way[:, :, KINDS.index("carving"), 0]
+    pairs = np.maximum(one_way, np.swapaxes(one_way, 0, 1))
     votes = _votes(pairs)
     kept = _majority(votes)
-    turned = _turned(carving, kept)
     found = [_belief(v, pairs, votes, kept) for v in range(len(names))]
-    if turned is not None:
-        own, most = 100 * carving[turned, turned], 100 * CARVED
-        told = (
-            f"its silhouette alone carves the others', which carve {own:.0f} % of its own foreground (at most {most:g})"
-        )
-        found[turned] = Belief(False, 100 * BOUNDS["outlines"] * own / most, told)
-    return tuple(found)
+    standing = np.asarray(noted[STANDING], np.float64)
+    exchanged = [n for n, row in zip(names, standing, strict=True) if row[-1] == EXCHANGED]
+    return tuple(
+        _stands(b, row, [n for n in exchanged if n != name])
+        for name, b, row in zip(names, found, standing, strict=True)
+    )
 
 
 def outlines_agree(pairs: np.ndarray) -> tuple[float | None, int]:
@@ -70,7 +65,7 @@ def _votes(pairs: np.ndarray) -> np.ndarray:
     """[S, S] int: 1 where two cameras agree, -1 where they contradict each other, 0 where nothing is known."""
     score = np.zeros(pairs.shape[:2], int)
     said = {}
-    for k, kind in enumerate(LINES):
+    for k, kind in enumerate(KINDS):
         off, count = pairs[..., k, 0], pairs[..., k, 1]
         agree = np.where(off > BOUNDS[kind], -1, np.where(off <= SURE[kind], 1, 0))
         said[kind] = np.where(count < FEWEST_TOLD[kind], 0, agree)
@@ -79,22 +74,24 @@ def _votes(pairs: np.ndarray) -> np.ndarray:
     return np.where((score < 0) | of_the_subject, -1, np.sign(score))
 
 
-def _turned(shares: np.ndarray, kept: set[int]) -> int | None:
-    """The camera whose silhouette contradicts all others though nothing that it sees lies off their lines: of [S, S]
-    what b alone carves of a, at [a, a] what all carve. Wrong cameras spoil these shares for each other: one can be
-    told, and only where nobody else is."""
-    count = len(shares)
-    if count < FEWEST_CARVED or len(kept) < count:
-        return None
-    own = np.diagonal(shares)
-    others = [[a for a in range(count) if a != b] for b in range(count)]
-    relief = np.array([shares[o, b].mean() for b, o in enumerate(others)])
-    before = np.array([own[o].mean() for o in others])
-    worst = int(relief.argmax())
-    left = before[worst] - relief[worst]
-    if min(before[worst], own[worst]) <= CARVED or left > min((1 - RELIEF) * before[worst], CARVED):
-        return None
-    return worst
+def _stands(belief: Belief, standing: np.ndarray, exchanged: list[str]) -> Belief:
+    """The verdict on one camera, with what silhouettes say of how it stands [5]: turn, px apart over the longer side,
+    and whether it is wrong, perhaps because its files and those of another one are `exchanged`."""
+    *turn, apart, wrong = map(float, standing)
+    beside = f"its silhouette lies {100 * apart:.2f} % of the picture's longer side beside what the others leave"
+    if wrong:
+        measured, most = 100 * BOUNDS["features"] * apart / (APART / SIDE), 100 * APART / SIDE
+        told = f"{beside} (at most {most:.2g}), however it is turned"
+        if exchanged and wrong == EXCHANGED:
+            told += f"; in the place of {exchanged[0]} it would not: their files seem exchanged"
+        return Belief(False, measured, told)
+    if not belief.believed or not any(turn):
+        return belief
+    return replace(
+        belief,
+        turn=(turn[0], turn[1], turn[2]),
+        reason=f"as it is written down {beside}, turned it does not; {belief.reason}",
+    )
 
 
 def _majority(votes: np.ndarray) -> set[int]:
@@ -128,7 +125,7 @@ def _belief(view: int, pairs: np.ndarray, votes: np.ndarray, kept: set[int]) -> 
     if not known:
         return Belief(True, None, "shares nothing with any other camera that could contradict it")
     found = {}
-    for k, kind in enumerate(LINES):
+    for k, kind in enumerate(KINDS):
         own = [pairs[view, v, k, 0] for v in known if pairs[view, v, k, 1] >= FEWEST_TOLD[kind]]
         if own:
             found[kind] = float(np.median(own))
@@ -144,4 +141,4 @@ def _belief(view: int, pairs: np.ndarray, votes: np.ndarray, kept: set[int]) -> 
     return Belief(view in kept, measured, told + lines)
 
 
-TRUST = Trust(asks=(NAME,), bound=100 * BOUNDS["features"], unit="%", fewest=3, decide=believed)
+TRUST = Trust(asks=(NAME, STANDING), bound=100 * BOUNDS["features"], unit="%", fewest=3, decide=believed, stand=turned)

@@ -1,5 +1,5 @@
 """How well two cameras agree, by what both of them see: features, outlines of masks and joints are points that must lie
-on each other's epipolar lines, and no silhouette may carve another one."""
+on each other's epipolar lines."""
 
 from __future__ import annotations
 
@@ -7,18 +7,13 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from posegaussian.stages.contract.facts import JOINTS2D, MASKS
+from posegaussian.stages.contract.facts import JOINTS2D
 from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.contract.trust import KINDS
 from posegaussian.stages.geometry.epipolar import fundamental, signed_epipolar_distance
-from posegaussian.stages.geometry.subject import look_at_point
-from posegaussian.stages.imaging.warp import Warp
-from posegaussian.stages.silhouettes.agreement import FEWEST, unexplained
-from posegaussian.stages.silhouettes.hull import Silhouettes, searched_radius
 from posegaussian.stages.survey.algorithms.joints import SCORE, people_of
 from posegaussian.stages.survey.algorithms.links import InCommon, few_of, in_common, links_of_view
 from posegaussian.stages.survey.algorithms.look import NO_FRAMES, Look
-from posegaussian.stages.survey.algorithms.silhouettes import masks_of
 from posegaussian.stages.survey.algorithms.surface import Seen, compared_numbers, later, seen
 from posegaussian.storage.model.cameras import Rig
 
@@ -29,7 +24,7 @@ FEWEST_JOINTS = 6
 
 
 class AgreementLook(Look):
-    """survey/agreement [V, 4, 2] and survey/links [V, POINTS, 4] of one view, as far as they are asked for:
+    """survey/agreement [V, 3, 2] and survey/links [V, POINTS, 4] of one view, as far as they are asked for:
     `agreement_of_view`, `links_of_view`."""
 
     def __init__(self, names: tuple[str, str], inputs: Inputs, view: int, sample: np.ndarray) -> None:
@@ -57,16 +52,14 @@ class AgreementLook(Look):
 
 
 def agreement_of_view(inputs: Inputs, view: int, numbers: np.ndarray, pairs: Mapping[int, InCommon]) -> np.ndarray:
-    """[V, 4, 2] float32: how far what a source view and each later one see lies beside their epipolar lines, by
+    """[V, 3, 2] float32: how far what a source view and each later one see lies beside their epipolar lines, by
     features, outlines and joints: median beyond a captured pixel, as a share of the longer side of the picture, and how
-    many tell; 0 where none do. Last by carving, `_carved`.
+    many tell; 0 where none do.
 
     Of a few of the sampled source frames `numbers` [n]. Features tell by count of the right ones, outlines by that of
     the sides that are seen, joints by that of the frames. `pairs`: what the view shares with each later one.
     """
     out = np.zeros((len(inputs.rig), len(KINDS), 2), np.float32)
-    if MASKS in inputs.facts and view in inputs.views.sources:
-        out[:, KINDS.index("carving")] = _carved(inputs, view, compared_numbers(numbers))
     few = few_of(numbers)
     people = {v: _people(inputs, v, few) for v in (view, *pairs)} if JOINTS2D in inputs.facts and pairs else {}
     for v, shared in pairs.items():
@@ -87,35 +80,6 @@ def _pixel(inputs: Inputs, pair: tuple[int, int]) -> float:
     views = list(pair)
     shrunk = inputs.rig.size[views, 0] / inputs.source_rig.size[views, 0]
     return float((inputs.captured_to_calibrated[views, 0] * shrunk).max())
-
-
-def _carved(inputs: Inputs, view: int, numbers: np.ndarray) -> np.ndarray:
-    """[V, 2] share of a view's foreground that each other source's mask alone carves away, at its own place the share
-    that others leave nothing of; and in how many of the source frames. Means over these.
-
-    A camera that is turned along the lines of the others moves nothing off them. But its silhouette carves theirs, and
-    theirs carve its own; a mask that lacks something does the first alone, one that has too much the second.
-    """
-    rig, found = inputs.rig, []
-    warps: dict[int, Warp] = {}
-    for number in map(int, numbers):
-        masks = masks_of(inputs, number, warps)
-        views = sorted(masks)
-        if view not in views or len(views) < FEWEST:
-            continue
-        centre = look_at_point(rig.subset(views))
-        silhouettes = Silhouettes.of(rig, masks, centre, searched_radius(rig, views, centre))
-        if view not in silhouettes.views:
-            continue
-        shares = unexplained(rig, view, masks[view], silhouettes)
-        alone = np.zeros(len(rig))
-        alone[list(silhouettes.views)] = shares[-1] - shares[:-1]
-        alone[view] = shares[-1]
-        found.append(alone)
-    out = np.zeros((len(rig), 2))
-    if found:
-        out[:, 0], out[list(inputs.views.sources), 1] = np.mean(found, axis=0), len(found)
-    return out
 
 
 def _people(inputs: Inputs, view: int, numbers: np.ndarray) -> dict[int, np.ndarray]:

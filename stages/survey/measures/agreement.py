@@ -24,8 +24,7 @@ MEASURE = Measure(
             "float32",
             "1",
             "By how much what a source view and each later one see misses the other's epipolar line, by features,"
-            " outlines and joints: median beyond a captured px, share of the longer side; last the share of its"
-            " foreground that each other mask alone carves away, at its own place all; and how many tell.",
+            " outlines and joints: median beyond a captured px, share of the longer side; and how many tell.",
             when=NAME,
             noted=True,
         ),

@@ -11,10 +11,12 @@ from posegaussian.stages.survey.measures.motion import MEASURE as MOTION
 from posegaussian.stages.survey.measures.noise import MEASURE as NOISE
 from posegaussian.stages.survey.measures.outlines import MEASURE as OUTLINES
 from posegaussian.stages.survey.measures.plate import MEASURE as PLATE
+from posegaussian.stages.survey.measures.standing import MEASURE as STANDING
 from posegaussian.stages.survey.measures.surface import MEASURE as SURFACE
 from posegaussian.stages.survey.measures.unrest import MEASURE as UNREST
 
 MEASURES: tuple[Measure, ...] = (
+    STANDING,
     AGREEMENT,
     PLATE,
     SURFACE,

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from posegaussian.stages.contract.trust import asks, judged_cameras
+from posegaussian.stages.contract.trust import CameraVerdict, asks, judged_cameras
 from posegaussian.stages.survey.measures.agreement import NAME
+from posegaussian.stages.survey.measures.standing import STANDING
 from posegaussian.stages.survey.trust import TRUST
 
-FEATURES, OUTLINES, JOINTS, CARVING = range(4)
+FEATURES, OUTLINES, JOINTS = range(3)
 OFF = {FEATURES: 0.02, OUTLINES: 0.02, JOINTS: 0.03}
 
 
 def notes(count: int) -> np.ndarray:
-    """[S, S, 4, 2] of cameras that share nothing."""
-    return np.zeros((count, count, 4, 2))
+    """[S, S, 3, 2] of cameras that share nothing."""
+    return np.zeros((count, count, 3, 2))
 
 
 def told(pairs: np.ndarray, kind: int, a: int, b: int, off: float) -> None:
@@ -30,10 +31,15 @@ def parties(count: int, wrong: set[int], kind: int = OUTLINES) -> np.ndarray:
     return pairs
 
 
-def left_out(pairs: np.ndarray, setting: object = "auto") -> set[int]:
+def judged(pairs: np.ndarray, standing: np.ndarray, setting: object = "auto") -> list[CameraVerdict]:
     names = tuple(f"c{i}" for i in range(len(pairs)))
-    found = judged_cameras(TRUST, names, setting, {NAME: pairs})  # type: ignore[arg-type]
-    return {i for i, n in enumerate(names) if found[n].state == "left out"}
+    found = judged_cameras(TRUST, names, setting, {NAME: pairs, STANDING: standing})  # type: ignore[arg-type]
+    return [found[n] for n in names]
+
+
+def left_out(pairs: np.ndarray, setting: object = "auto") -> set[int]:
+    found = judged(pairs, np.zeros((len(pairs), 5)), setting)
+    return {i for i, verdict in enumerate(found) if verdict.state == "left out"}
 
 
 def test_the_larger_party_is_believed_whoever_comes_first() -> None:
@@ -74,15 +80,43 @@ def test_masks_or_joints_alone_do_not_outvote_features_and_both_together_do() ->
         assert left_out(pairs) == expected
 
 
-def test_a_camera_turned_along_all_lines_is_told_by_its_silhouette() -> None:
-    """A mask that lacks something carves others and is not carved; one that has too much is carved alone."""
-    for own, of_others, expected in ((0.3, 0.2, {2}), (0.0, 0.2, set()), (0.3, 0.0, set())):
-        pairs = parties(6, set())
-        for a in range(6):
-            pairs[a, a, CARVING, 0] = own if a == 2 else of_others
-            if a != 2:
-                pairs[a, 2, CARVING, 0] = of_others
-        assert left_out(pairs) == expected
+def test_what_silhouettes_say_turns_a_camera_or_leaves_it_out_whatever_lies_on_its_lines() -> None:
+    turn, standing = (0.0, 0.02, 0.001), np.zeros((6, 5))
+    standing[2, :4], standing[4, 3:] = (*turn, 0.01), (0.02, 1)
+    found = judged(parties(6, set()), standing)
+    assert [v.state for v in found] == ["believed", "believed", "believed", "believed", "left out", "believed"]
+    assert [i for i, v in enumerate(found) if v.turn.any()] == [2]
+    assert tuple(found[2].turn) == turn
+    assert "turned by 1.15 degrees" in found[2].sentence
+    assert "1.00 % of the picture's longer side" in found[2].sentence
+    assert "however it is turned" in found[4].sentence
+    assert [i for i, v in enumerate(found) if v.overruled] == [2, 4]
+
+
+def test_two_cameras_whose_files_are_exchanged_are_told_so() -> None:
+    standing = np.zeros((6, 5))
+    standing[1, 3:], standing[4, 3:] = (0.02, 2), (0.03, 2)
+    found = judged(parties(6, set()), standing)
+    assert [v.state for v in found].count("left out") == 2
+    assert "in the place of c4" in found[1].sentence
+    assert "in the place of c1" in found[4].sentence
+
+
+def test_a_camera_that_its_lines_accuse_all_the_same_is_left_out_and_not_turned() -> None:
+    standing = np.zeros((8, 5))
+    standing[2, 1] = 0.02
+    found = judged(parties(8, {2}), standing)
+    assert found[2].state == "left out"
+    assert not found[2].turn.any()
+
+
+def test_who_is_forced_is_believed_as_it_stands() -> None:
+    standing = np.zeros((6, 5))
+    standing[2, 1], standing[4, 3:] = 0.02, (0.02, 1)
+    found = judged(parties(6, set()), standing, ["c2", "c4"])
+    assert [v.state for v in found] == ["believed"] * 6
+    assert found[2].turn.any()
+    assert not found[4].turn.any()
 
 
 def test_the_survey_is_asked_only_where_it_has_a_say() -> None:

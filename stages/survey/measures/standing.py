@@ -1,0 +1,34 @@
+"""How source cameras stand by their silhouettes: which are turned against what is written down, and which are wrong."""
+
+from __future__ import annotations
+
+from posegaussian.stages.survey.algorithms.look import Look
+from posegaussian.stages.survey.measures.declaration import Measure, Sampled, of
+from posegaussian.storage.model.spec import ArraySpec
+
+STANDING = "survey/standing"
+
+
+def _look(s: Sampled) -> Look:
+    from posegaussian.stages.survey.algorithms.standing import StandingLook
+
+    return StandingLook(STANDING, s.inputs, s.view)
+
+
+MEASURE = Measure(
+    (
+        ArraySpec(
+            STANDING,
+            ("view", "standing"),
+            "float32",
+            "1",
+            "How a source view stands by its silhouette: rad by which it is turned about its own axes, by how much of"
+            " the longer side it contradicts the others as it is written down, and 1 where no turn mends that, 2 where"
+            " it would stand right in the place of the other one of which this is so.",
+            when=STANDING,
+            noted=True,
+        ),
+    ),
+    _look,
+    of("masks"),
+)

@@ -1,0 +1,138 @@
+"""Cameras that stand otherwise than they are written down are found by their silhouettes and turned back; what turns
+cannot mend turns nobody."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from posegaussian.stages.imaging.small_turns import APART, SIDE, turned
+from posegaussian.stages.silhouettes.coherence import FEWEST, INCOHERENT, Outlined, Standing, standing
+from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
+from posegaussian.storage.model.cameras import Rig
+
+SIZE = 128
+PIXEL = SIZE / SIDE
+
+
+@pytest.fixture(scope="module")
+def person() -> PersonCapture:
+    """Eight cameras in a level ring: a camera that is turned along its lines leaves features and joints on them."""
+    return capture_person(views=8, size=SIZE, frames=1)
+
+
+def masks_of(person: PersonCapture, views: int = 8) -> dict[int, np.ndarray]:
+    return {v: person.mask[0, v].copy() for v in range(views)}
+
+
+def written(person: PersonCapture, px: dict[int, tuple[float, float, float]]) -> tuple[Rig, np.ndarray]:
+    """The rig written down with some cameras turned by px about their axes, and the turns that undo it."""
+    turns = np.zeros((len(person.rig), 3))
+    for v, by in px.items():
+        turns[v] = np.array(by) / person.rig.intrinsics[v, 0, 0]
+    return turned(person.rig, turns), -turns
+
+
+def found(rig: Rig, *frames: dict[int, np.ndarray]) -> Standing:
+    return standing(rig, [Outlined.of(rig, masks) for masks in frames])
+
+
+def test_exact_cameras_stand_as_they_are_written_down(person: PersonCapture) -> None:
+    outlined = Outlined.of(person.rig, masks_of(person))
+    mean = np.mean([outlined.excess(person.rig, v).mean() for v in range(8)])
+    assert mean < INCOHERENT * PIXEL
+    told = found(person.rig, masks_of(person))
+    assert not told.turns.any()
+    assert not told.wrong
+    assert not told.apart.any()
+
+
+@pytest.mark.parametrize(
+    "px",
+    [
+        {2: (0.0, 4.0, 0.0)},
+        {2: (0.0, -15.0, 0.0)},
+        {5: (3.0, 3.0, 0.0)},
+        {1: (0.0, 6.0, 0.0), 4: (0.0, -6.0, 0.0)},
+        {0: (0.0, 4.0, 0.0), 1: (0.0, 4.0, 0.0)},
+        {1: (0.0, 0.0, 8.0), 4: (0.0, 0.0, -8.0)},
+        {1: (-5.0, 0.0, 0.0), 6: (0.0, 3.0, 0.0)},
+    ],
+    ids=["yaw", "far", "both axes", "two apart", "two alike", "two rolled", "two ways"],
+)
+def test_cameras_that_are_turned_are_turned_back(
+    person: PersonCapture, px: dict[int, tuple[float, float, float]]
+) -> None:
+    """Within a pixel where the subject is: masks of 128 px end at whole pixels, and the hull of eight views is as much
+    wider than the subject. A roll moves only what is beside the middle, here by a fifth of its px."""
+    rig, back = written(person, px)
+    told = found(rig, masks_of(person))
+    assert set(np.flatnonzero(told.turns.any(axis=1))) == set(px)
+    assert not told.wrong
+    off = (told.turns - back) * rig.intrinsics[:, 0, 0][:, None]
+    assert np.abs(off[:, :2]).max() < 1.0
+    assert np.abs(off[:, 2]).max() < 5.0
+    assert (told.apart[list(px)] > 0).all()
+
+
+def test_the_order_of_the_cameras_is_indifferent(person: PersonCapture) -> None:
+    rig, _ = written(person, {1: (0.0, 6.0, 0.0), 4: (0.0, -6.0, 0.0)})
+    order = [3, 1, 4, 0, 7, 6, 2, 5]
+    one, other = (
+        found(rig, masks_of(person)),
+        found(rig.subset(order), {i: masks_of(person)[v] for i, v in enumerate(order)}),
+    )
+    assert other.turns == pytest.approx(one.turns[order], abs=1.0 / rig.intrinsics[0, 0, 0])
+
+
+def test_a_camera_whose_pictures_are_anothers_is_wrong_however_it_is_turned(person: PersonCapture) -> None:
+    masks = masks_of(person)
+    masks[1], masks[3] = masks[3], masks[1]
+    told = found(person.rig, masks)
+    assert told.wrong == {1, 3}
+    assert told.exchanged
+    assert not told.turns.any()
+    assert (told.apart[[1, 3]] >= APART * PIXEL).all()
+
+
+def test_masks_that_lack_something_or_have_too_much_turn_nobody_and_accuse_nobody(person: PersonCapture) -> None:
+    """What a mask lacks contradicts the others and not itself; what it has too much contradicts itself alone."""
+    legs, spot, whole, empty = (masks_of(person) for _ in range(4))
+    for v in (1, 5):
+        legs[v][legs[v].any(axis=1).nonzero()[0][-1] - 20 :] = 0
+    spot[2][5:25, 5:25] = 255
+    whole[2][:] = 255
+    empty[2][:] = 0
+    for masks in (legs, spot, whole, empty):
+        told = found(person.rig, masks)
+        assert not told.turns.any()
+        assert not told.wrong
+
+
+def test_four_cameras_around_tell_and_fewer_do_not(person: PersonCapture) -> None:
+    rig, back = written(person, {2: (0.0, 6.0, 0.0)})
+    four = found(rig, {v: m for v, m in masks_of(person).items() if v % 2 == 0})
+    assert four.turns * rig.intrinsics[0, 0, 0] == pytest.approx(back * rig.intrinsics[0, 0, 0], abs=1.0)
+    few = {v: m for v, m in masks_of(person).items() if v < FEWEST - 1}
+    for masks in (few, {}):
+        assert not found(rig, masks).turns.any()
+    assert not standing(rig, []).turns.any()
+
+
+def test_half_of_the_cameras_are_not_turned_after_the_others(person: PersonCapture) -> None:
+    rig, _ = written(person, {v: (0.0, 5.0 * (-1) ** v, 0.0) for v in range(1, 5)})
+    told = found(rig, masks_of(person))
+    assert int(told.turns.any(axis=1).sum()) <= 2
+
+
+def test_a_larger_picture_of_the_same_says_the_same(person: PersonCapture) -> None:
+    """Bounds are in px of a picture of a fixed size: masks and intrinsics twice as large."""
+    rig, _ = written(person, {2: (0.0, 4.0, 0.0)})
+    intrinsics = rig.intrinsics.copy()
+    intrinsics[:, :2] *= 2
+    large = replace(rig, intrinsics=intrinsics, size=2 * rig.size)
+    told = found(large, {v: np.kron(m, np.ones((2, 2), np.uint8)) for v, m in masks_of(person).items()})
+    once = found(rig, masks_of(person))
+    assert told.turns == pytest.approx(once.turns, abs=0.5 / rig.intrinsics[0, 0, 0] * 2)
