@@ -255,8 +255,8 @@ def verdicts_on_cameras(
 
 def as_believed(rig: Rig, cameras: Mapping[str, CameraVerdict]) -> Rig:
     """Cameras as they are written down, those turned that are believed to stand so."""
-    turns = [cameras[name].turn if name in cameras else np.zeros(3) for name in rig.names]
-    return TRUST.stand(rig, np.array(turns))
+    turns = np.array([cameras[name].turn if name in cameras else np.zeros(3) for name in rig.names])
+    return TRUST.stand(rig, turns) if turns.any() else rig
 
 
 def of_believed(
