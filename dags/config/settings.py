@@ -68,8 +68,9 @@ class ViewSettings(Params):
     )
     trust: Literal["auto", "all"] | list[str] = setting(
         "auto",
-        "Which sources are believed; auto: all but those that contradict the others, all: every one, names: these"
-        " whatever they show, and of the others those that auto believes.",
+        "Which sources are believed; auto: all but those that contradict the others, turned where their silhouettes"
+        " ask for it, all: every one as it is written down, names: these whatever they show, and of the others those"
+        " that auto believes.",
     )
 
     @field_validator("sources", mode="before")

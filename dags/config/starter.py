@@ -36,7 +36,7 @@ def starter(source: str, capture: Capture) -> str:
             "",
             "views:",
             *_held_out(capture),
-            "  trust: auto          # cameras that contradict the others are left out; all: every one is believed",
+            "  trust: auto          # cameras that contradict the others are turned or left out; all: none is",
             "",
             "rendering:",
             "  paths: null          # the held-out cameras, else between the sources; or [between, orbit]",

@@ -67,29 +67,10 @@ def _of_camera(verdict: CameraVerdict) -> Finding:
     assert belief is not None, f"camera {verdict.camera} was compared"
     if belief.measured is None:
         return unmeasured(MEASURE, names, TRUST.unit, TRUST.bound, TRUST.bound, belief.reason)
-    out = verdict.state == "left out"
-    if verdict.turn.any():
-        degrees = float(np.degrees(np.linalg.norm(verdict.turn)))
-        sentence = f"it stands turned by {degrees:.2f} degrees: {belief.reason}"
-        return Finding(
-            MEASURE,
-            names,
-            belief.measured,
-            TRUST.unit,
-            TRUST.bound,
-            TRUST.bound,
-            sentence,
-            ADVICE_TURNED,
-            FindingVerdict.DOUBTFUL,
-        )
-    return Finding(
-        MEASURE,
-        names,
-        belief.measured,
-        TRUST.unit,
-        TRUST.bound,
-        TRUST.bound,
-        belief.reason,
-        ADVICE if out else "",
-        FindingVerdict.LEFT_OUT if out else FindingVerdict.GOOD,
-    )
+    told, advice, found = belief.reason, "", FindingVerdict.GOOD
+    if verdict.state == "left out":
+        advice, found = ADVICE, FindingVerdict.LEFT_OUT
+    elif verdict.turn.any():
+        advice, found = ADVICE_TURNED, FindingVerdict.DOUBTFUL
+        told = f"it stands turned by {np.degrees(np.linalg.norm(verdict.turn)):.2f} degrees: {told}"
+    return Finding(MEASURE, names, belief.measured, TRUST.unit, TRUST.bound, TRUST.bound, told, advice, found)

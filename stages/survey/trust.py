@@ -1,4 +1,5 @@
-"""Which cameras contradict the others: every pair has a vote, and the larger party is believed.
+"""Which cameras contradict the others: by their silhouettes, which say how they stand, and then by lines, where every
+pair has a vote, and the larger party is believed.
 
 A wrong camera contradicts most of those it is compared with, and each of these contradicts only the wrong ones, so that
 cameras fall into parties; the larger one is believed, and whoever more than half of it contradicts is not. Wrong
@@ -89,6 +90,7 @@ def _stands(belief: Belief, standing: np.ndarray, exchanged: list[str]) -> Belie
         return belief
     return replace(
         belief,
+        measured=belief.measured or 0.0,
         turn=(turn[0], turn[1], turn[2]),
         reason=f"as it is written down {beside}, turned it does not; {belief.reason}",
     )

@@ -33,11 +33,7 @@ class AsTheyStand(Inputs):
         scope = TaskScope(**{name: getattr(inputs, name) for name in TaskScope.__dataclass_fields__})
         source_rig = turned(inputs.source_rig, found.turns)
         super().__init__(replace(scope, rig=turned(inputs.rig, found.turns), source_rig=source_rig))
-        self.__dict__.update(_inputs=inputs, standing=found)
-
-    standing: Standing
-    """How they do."""
-    _inputs: Inputs
+        self._inputs, self.standing = inputs, found
 
     def span(self, array: str) -> range:
         """As the task's own."""
@@ -62,13 +58,13 @@ class StandingLook(Look):
     """survey/standing [5] of one view."""
 
     def __init__(self, name: str, inputs: Inputs, view: int) -> None:
-        """name: of the array; inputs: with the cameras as they stand."""
-        self._name, self._inputs, self._view = name, inputs, view
+        """name: of the array; inputs: with the cameras as they stand, as the survey gives them."""
+        assert isinstance(inputs, AsTheyStand), f"{name} is asked for, so it was found first"
+        self._name, self._rows, self._view = name, told(inputs.standing, inputs), view
 
     def blocks(self) -> Iterator[Block]:
         """Of what was found before."""
-        rows = told(self._inputs.standing, self._inputs) if isinstance(self._inputs, AsTheyStand) else None
-        yield Block(self._name, np.zeros(5, np.float32) if rows is None else rows[self._view], self._view)
+        yield Block(self._name, self._rows[self._view], self._view)
 
 
 def told(found: Standing, inputs: Inputs) -> np.ndarray:

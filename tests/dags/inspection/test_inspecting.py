@@ -153,17 +153,22 @@ def test_exact_joints_masks_and_cameras_are_good(capture: Path, tmp_path: Path) 
             assert f.verdict in (FindingVerdict.GOOD, FindingVerdict.NOTE), f
 
 
+def turn_cam01(folder: Path, *degrees: float) -> None:
+    """Write a camera of a capture down turned, by a rotation vector in its axes."""
+    cameras = json.loads((folder / "cameras.json").read_text())
+    one = next(c for c in cameras["cameras"] if c["name"] == "cam01")
+    turn = cv2.Rodrigues(np.radians(np.array(degrees)))[0]
+    one["R"], one["t"] = (turn @ np.array(one["R"])).tolist(), (turn @ np.array(one["t"])).tolist()
+    (folder / "cameras.json").write_text(json.dumps(cameras))
+
+
 def test_a_camera_whose_pose_is_wrong_is_found(spoilt: Callable[[Callable[[Path], None]], Report]) -> None:
     """By two degrees about the axes across: some 4 px of 96. Without a pair on the clean side no pair of the others
     is accused as much. No masks tell how it stands."""
 
     def turn(folder: Path) -> None:
         shutil.rmtree(folder / "masks")
-        cameras = json.loads((folder / "cameras.json").read_text())
-        one = next(c for c in cameras["cameras"] if c["name"] == "cam01")
-        turn_by = cv2.Rodrigues(np.radians([1.5, 1.5, 0.0]))[0]
-        one["R"], one["t"] = (turn_by @ np.array(one["R"])).tolist(), (turn_by @ np.array(one["t"])).tolist()
-        (folder / "cameras.json").write_text(json.dumps(cameras))
+        turn_cam01(folder, 1.5, 1.5, 0.0)
 
     report = spoilt(turn)
     assert report.verdict is FindingVerdict.BAD
@@ -177,14 +182,7 @@ def test_a_camera_whose_pose_is_wrong_is_found(spoilt: Callable[[Callable[[Path]
 def test_a_camera_that_masks_turn_back_is_told_of_and_all_else_is_measured_as_it_stands(
     spoilt: Callable[[Callable[[Path], None]], Report],
 ) -> None:
-    def turn(folder: Path) -> None:
-        cameras = json.loads((folder / "cameras.json").read_text())
-        one = next(c for c in cameras["cameras"] if c["name"] == "cam01")
-        turn_by = cv2.Rodrigues(np.radians([1.5, 1.5, 0.0]))[0]
-        one["R"], one["t"] = (turn_by @ np.array(one["R"])).tolist(), (turn_by @ np.array(one["t"])).tolist()
-        (folder / "cameras.json").write_text(json.dumps(cameras))
-
-    report = spoilt(turn)
+    report = spoilt(lambda folder: turn_cam01(folder, 1.5, 1.5, 0.0))
     told = [f for f in report.findings if f.measure == "agreement" and f.verdict is FindingVerdict.DOUBTFUL]
     assert [f.cameras for f in told] == [("cam01",)]
     assert "turned by 2." in told[0].sentence
@@ -197,14 +195,7 @@ def test_a_camera_that_masks_turn_back_is_told_of_and_all_else_is_measured_as_it
 def test_a_camera_of_another_recording_is_found(spoilt: Callable[[Callable[[Path], None]], Report]) -> None:
     """Its pose is turned so far that nobody stands where it says."""
 
-    def turn(folder: Path) -> None:
-        cameras = json.loads((folder / "cameras.json").read_text())
-        one = next(c for c in cameras["cameras"] if c["name"] == "cam01")
-        turn_by = cv2.Rodrigues(np.radians([20.0, 15.0, 0.0]))[0]
-        one["R"], one["t"] = (turn_by @ np.array(one["R"])).tolist(), (turn_by @ np.array(one["t"])).tolist()
-        (folder / "cameras.json").write_text(json.dumps(cameras))
-
-    report = spoilt(turn)
+    report = spoilt(lambda folder: turn_cam01(folder, 20.0, 15.0, 0.0))
     assert report.verdict is FindingVerdict.BAD
     assert found(report, "joint residual", "cam01").verdict is FindingVerdict.BAD
 
