@@ -2,9 +2,10 @@
 with, run by default, against the same person unspoilt; box PSNR and SSIM at held-out cameras, which stay as they are.
 
     python -m benchmarks.frames.faults [--scenes plain:4:8 capture_like:101:own] [--only holes ...] [--size 384]
-        [--set network.weights=none ...]
+        [--without masks joints] [--frames 1] [--set network.weights=none ...]
 
-A scene is KIND:SEED:CAMERAS, as `benchmarks.quality.cells` has them, of tuning seeds; one frame.
+A scene is KIND:SEED:CAMERAS, as `benchmarks.quality.cells` has them, of tuning seeds. Without masks it is a plain
+video; of one frame nobody can tell who is in front.
 """
 
 from __future__ import annotations
@@ -203,7 +204,9 @@ def spoil(capture: Path, held_out: set[str], fault: Fault) -> None:
         aside.rename(other)
 
 
-def rows(cell: Cell, faults: Sequence[str], settings: tuple[str, ...]) -> Iterator[dict[str, Any]]:
+def rows(
+    cell: Cell, faults: Sequence[str], without: Sequence[str], settings: tuple[str, ...]
+) -> Iterator[dict[str, Any]]:
     """A row a fault of one scene. Raises RunFailed when a task fails."""
     with tempfile.TemporaryDirectory() as name:
         filmed = Path(name) / "filmed"
@@ -214,7 +217,10 @@ def rows(cell: Cell, faults: Sequence[str], settings: tuple[str, ...]) -> Iterat
             folder = Path(name) / fault
             shutil.copytree(filmed / CAPTURE, folder / CAPTURE)
             spoil(folder / CAPTURE, names, FAULTS[fault])
-            found = pictures(run_capture(folder, (held_out, *settings))[0], cell)
+            for kind in without:
+                shutil.rmtree(folder / CAPTURE / kind)
+            results, _ = run_capture(folder, (held_out, *settings))
+            found = pictures(results, cell, filmed / CAPTURE if "masks" in without else None)
             shutil.rmtree(folder / ARCHIVE)
             yield {
                 "scene": f"{cell.scenes} {cell.seed}",
@@ -233,14 +239,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--only", nargs="+", default=list(FAULTS), choices=list(FAULTS))
     parser.add_argument("--size", type=int, default=384, help="px")
+    parser.add_argument("--without", nargs="*", default=[], choices=["masks", "joints"])
+    parser.add_argument("--frames", type=int, default=1)
     parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE")
     given = parser.parse_args(arguments)
     found = []
     for scene in given.scenes:
         kind, seed, cameras = scene.split(":")
         count = None if cameras == "own" else int(cameras)
-        cell = Cell(int(seed), count, size=given.size, frames=1, scenes=kind)
-        for row in rows(cell, given.only, tuple(given.set)):
+        cell = Cell(int(seed), count, size=given.size, frames=given.frames, scenes=kind)
+        for row in rows(cell, given.only, given.without, tuple(given.set)):
             print(*row.values(), flush=True)
             found.append(row)
     publish("faults", found, {k: v if isinstance(v, int) else " ".join(v) for k, v in vars(given).items()})

@@ -10,6 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from benchmarks.quality.error_places import PLACES, squared_error_by_place
@@ -103,8 +104,9 @@ def film_cell(cell: Cell, folder: Path) -> tuple[str, str]:
     return cell.scene.motion.name, held_out_setting(staged)
 
 
-def pictures(results: Results, cell: Cell) -> dict[str, Any]:
-    """Means over held-out pictures; error shares of all of them together; one picture for the eye.
+def pictures(results: Results, cell: Cell, filmed: Path | None = None) -> dict[str, Any]:
+    """Means over held-out pictures; error shares of all of them together; one picture for the eye. Where the run was
+    given no masks, those of the capture that was `filmed` tell who is the subject.
 
     Cameras of scenes like captures expose differently: their pictures are brought to the held-out camera's light."""
     context, frames = results.context, range(results.context.grid.frames)
@@ -115,7 +117,8 @@ def pictures(results: Results, cell: Cell) -> dict[str, Any]:
     shown: list[np.ndarray] = []
     for c, name in enumerate(path.names):
         view = context.rig.index(name)
-        truth, mask = results.read("frames/color", frames, view), results.read("frames/mask", frames, view)
+        truth = results.read("frames/color", frames, view)
+        mask = _filmed_masks(filmed / "masks" / name) if filmed else results.read("frames/mask", frames, view)
         for i in frames:
             if cell.scenes == "capture_like":
                 color[i, c] = np.rint(fitted(color[i, c], truth[i], mask[i])[0])
@@ -132,6 +135,11 @@ def pictures(results: Results, cell: Cell) -> dict[str, Any]:
         **dict(zip(PLACES, (error / error.sum()).tolist(), strict=True)),
         "shown": shown[0],
     }
+
+
+def _filmed_masks(folder: Path) -> np.ndarray:
+    """[F, h, w] uint8 of one camera."""
+    return np.stack([cv2.imread(str(file), cv2.IMREAD_GRAYSCALE) for file in sorted(folder.iterdir())])
 
 
 def _agreement(results: Results, cell: Cell) -> dict[str, float]:

@@ -17,7 +17,7 @@ from rich.table import Table
 from posegaussian.dags.inspection.judged import left_out_views
 from posegaussian.dags.inspection.portraits import portraits, who_is_who
 from posegaussian.dags.planning.context import Context
-from posegaussian.stages.contract.facts import JOINTS2D, JOINTS3D, MASKS, Facts
+from posegaussian.stages.contract.facts import ESTIMATED, JOINTS2D, JOINTS3D, MASKS, Facts
 from posegaussian.stages.depth.params import resolve_method
 from posegaussian.stages.detection.asset import blazepose_is_here, estimator_of
 from posegaussian.stages.detection.params import DetectionParams, estimator_choice
@@ -99,7 +99,7 @@ def footage_of(context: Context, joints: Any = None) -> tuple[Footage, list[Find
     intrinsics[:, :2] *= (size / source_rig.size)[:, :, None]
     rig = Rig(source_rig.names, intrinsics, np.zeros_like(source_rig.distortion), source_rig.world_to_camera, size)
     pictures = open_source(capture, "pictures")
-    readers = {"pictures": _Chosen(pictures, views)}
+    readers: dict[str, Any] = {"pictures": _Chosen(pictures, views)}
     if blazepose_is_here():
         readers["found"] = _Chosen(
             Finder(pictures, estimator_of(DetectionParams(estimator="blazepose", zoom=2)), capture.rig), views
@@ -111,6 +111,8 @@ def footage_of(context: Context, joints: Any = None) -> tuple[Footage, list[Find
         joints = open_source(capture, "joints")
     if joints is not None:
         readers["joints"] = _Chosen(joints, views)
+    elif ESTIMATED in context.capture_facts:
+        readers["estimator"] = estimator_of(context.asset_settings("estimator"))
     if capture.joints3d is not None:
         readers["joints3d"] = open_source(capture, "joints3d")
     facts = {"masks": MASKS, "joints": JOINTS2D, "joints3d": JOINTS3D}

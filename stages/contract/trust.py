@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from enum import IntEnum
 from typing import Literal
 
 import numpy as np
@@ -14,6 +15,18 @@ from posegaussian.storage.model.cameras import Rig
 TrustSetting = Literal["auto", "all"] | list[str]
 KINDS = ("features", "outlines", "joints")
 """What two cameras are compared by, in the order in which it is noted."""
+
+
+class Told(IntEnum):
+    """What is noted last of how a camera stands."""
+
+    NOTHING = 0
+    WRONG = 1
+    """However it is turned."""
+    EXCHANGED = 2
+    """The same; in the place of another wrong one it would stand right."""
+    BY_JOINTS = 3
+    """It is turned by what joints say, in place of silhouettes."""
 
 
 @dataclass(frozen=True)

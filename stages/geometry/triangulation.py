@@ -82,6 +82,12 @@ def _solve(normal: np.ndarray) -> np.ndarray:
     return np.linalg.solve(a + tiny[..., None, None] * np.eye(3), -normal[..., :3, 3:])[..., 0]
 
 
+def meeting(tracks: Tracks, weights: np.ndarray) -> np.ndarray:
+    """[J, 3] world points nearest to the rays of tracks of weights [J, T], in the linear sense; of a joint that fewer
+    than two tracks see they mean nothing."""
+    return _solve(np.einsum("jt,tjab->jab", weights, tracks.normal))
+
+
 def hypotheses(rig: Rig, tracks: Tracks, pairs: np.ndarray, max_residual: float) -> tuple[np.ndarray, np.ndarray]:
     """For every pair [P, 2]: points [P, J, 3] and agreement [P, J, T] in 0..1 of every track with them.
 
@@ -152,7 +158,7 @@ def triangulate(rig: Rig, joints: np.ndarray, min_score: float, max_residual: fl
     seen = tracks.weights.T > 0
     for _ in range(2):
         weights = tracks.weights.T * inlier
-        linear = _solve(np.einsum("jt,tjab->jab", weights, tracks.normal))
+        linear = meeting(tracks, weights)
         worst = np.where(inlier, residuals(rig, tracks, linear), 0.0).max(-1, keepdims=True)
         points = _gauss_newton(rig, tracks, weights, np.where(worst < np.inf, linear, points))
         inlier = seen & (residuals(rig, tracks, points) < max_residual)

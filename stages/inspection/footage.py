@@ -106,7 +106,8 @@ class Footage:
     frame_rate: float
     """Frames a second."""
     readers: Mapping[str, Any]
-    """Readers by kind: pictures always; masks of all views, joints and joints3d where there are any."""
+    """Readers by kind: pictures always; masks of all views, joints and joints3d where there are any; the estimator by
+    which a run finds joints, where it does."""
     pictures: dict[tuple[int, int], np.ndarray] = field(default_factory=dict)
     """(view, number) -> [h, w, 3] uint8 without lens, as far as they were read."""
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from posegaussian.stages.contract.facts import ESTIMATED, JOINTS2D
 from posegaussian.stages.contract.io import Views
 from posegaussian.stages.contract.trust import CameraVerdict, judged_cameras
 from posegaussian.stages.imaging.camera_mapping import frames_rig
@@ -18,7 +19,6 @@ from posegaussian.stages.survey.algorithms.links import in_common
 from posegaussian.stages.survey.algorithms.sample import sample_numbers
 from posegaussian.stages.survey.algorithms.standing import AsTheyStand, standing_in
 from posegaussian.stages.survey.algorithms.standing import told as standing_told
-from posegaussian.stages.survey.algorithms.surface import compared_numbers
 from posegaussian.stages.survey.measures.agreement import NAME as AGREEMENT
 from posegaussian.stages.survey.measures.standing import STANDING
 from posegaussian.stages.survey.params import LONGEST, SurveyParams
@@ -53,10 +53,11 @@ def camera_verdicts(footage: Footage, planned: Planned) -> dict[str, CameraVerdi
     scope = replace(
         footage.scope,
         rig=frames_rig(footage.source_rig, LONGEST),
+        facts=footage.facts | ({JOINTS2D, ESTIMATED} if "estimator" in footage.readers else set()),
         views=Views(footage.names, tuple(sources), ()),
     )
     inputs, numbers = inputs_of(scope, footage), sample_numbers(footage.common, SurveyParams().sample)
-    stand = AsTheyStand(inputs, standing_in(inputs, compared_numbers(numbers)))
+    stand = AsTheyStand(inputs, standing_in(inputs, numbers))
     told = [agreement_of_view(stand, v, numbers, in_common(stand, v, numbers)) for v in sources]
     pairs, standing = np.stack([of_view[sources] for of_view in told]), standing_told(stand.standing, stand)[sources]
     return judged_cameras(TRUST, names, planned.trust, {AGREEMENT: pairs, STANDING: standing})

@@ -135,8 +135,10 @@ class Standing:
     exchanged: bool
     """Whether two wrong cameras would be coherent with the others, did each stand in the other's place."""
     apart: np.ndarray
-    """[V] px of the rig, mean over its rays, by which a camera that is turned or wrong contradicts those that are
-    right, as it is written down; 0 of all others."""
+    """[V] px of the rig, mean over its rays or median over its joints, by which a camera that is turned or wrong
+    contradicts those that are right, as it is written down; 0 of all others."""
+    by_joints: bool = False
+    """Whether joints told it, in place of silhouettes."""
 
 
 def standing(rig: Rig, frames: Sequence[Outlined]) -> Standing:
@@ -145,7 +147,7 @@ def standing(rig: Rig, frames: Sequence[Outlined]) -> Standing:
     Then the same of cameras that stand so, as a small error hides behind a large one.
     """
     views = sorted(set.intersection(*(set(f.silhouettes.views) for f in frames))) if frames else []
-    found, most = _right(rig), min(MOST_WRONG, len(views) // 3)
+    found, most = as_written(rig), min(MOST_WRONG, len(views) // 3)
     while len(views) >= FEWEST:
         stand = turned(rig, found.turns)
         now = [f.standing(stand) for f in frames]
@@ -160,7 +162,7 @@ def standing(rig: Rig, frames: Sequence[Outlined]) -> Standing:
     return found
 
 
-def _right(rig: Rig) -> Standing:
+def as_written(rig: Rig) -> Standing:
     """All cameras as they are written down."""
     return Standing(np.zeros((len(rig), 3)), frozenset(), False, np.zeros(len(rig)))
 
@@ -204,7 +206,7 @@ def _told(
     of_others = float(np.mean([px for v, px in all_of_them.items() if v not in best]))
     if min(of_others, *apart[sorted(best)]) < APART * float(rig.size.max()) / SIDE:
         return None
-    return replace(_right(rig), wrong=best, exchanged=_exchanged(rig, frames, views, best, before), apart=apart)
+    return replace(as_written(rig), wrong=best, exchanged=_exchanged(rig, frames, views, best, before), apart=apart)
 
 
 def _exchanged(

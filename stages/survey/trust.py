@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from posegaussian.stages.contract.trust import KINDS, Belief, Trust
+from posegaussian.stages.contract.trust import KINDS, Belief, Told, Trust
 from posegaussian.stages.imaging.small_turns import APART, SIDE, turned
 from posegaussian.stages.survey.measures.agreement import NAME
 from posegaussian.stages.survey.measures.standing import STANDING
@@ -34,8 +34,8 @@ MAJORITY = 0.5
 """Share of the believed cameras it can be compared with that must contradict a camera, at least."""
 ACCUSERS = 2
 """Believed cameras, at least, that must contradict it."""
-EXCHANGED = 2
-"""What `survey/standing` says last of a camera that would stand right in the place of another wrong one."""
+BY_SILHOUETTES, BY_JOINTS = ("silhouette lies", "what the others leave"), ("joints lie", "those of the others")
+"""What of a camera that is turned lies beside what."""
 WORDS = {"features": "matched features", "outlines": "outlines of masks", "joints": "joints"}
 
 
@@ -48,7 +48,7 @@ def believed(names: tuple[str, ...], noted: Mapping[str, np.ndarray]) -> tuple[B
     kept = _majority(votes)
     found = [_belief(v, pairs, votes, kept) for v in range(len(names))]
     standing = np.asarray(noted[STANDING], np.float64)
-    exchanged = [n for n, row in zip(names, standing, strict=True) if row[-1] == EXCHANGED]
+    exchanged = [n for n, row in zip(names, standing, strict=True) if row[-1] == Told.EXCHANGED]
     return tuple(
         _stands(b, row, [n for n in exchanged if n != name])
         for name, b, row in zip(names, found, standing, strict=True)
@@ -76,16 +76,17 @@ def _votes(pairs: np.ndarray) -> np.ndarray:
 
 
 def _stands(belief: Belief, standing: np.ndarray, exchanged: list[str]) -> Belief:
-    """The verdict on one camera, with what silhouettes say of how it stands [5]: turn, px apart over the longer side,
-    and whether it is wrong, perhaps because its files and those of another one are `exchanged`."""
-    *turn, apart, wrong = map(float, standing)
-    beside = f"its silhouette lies {100 * apart:.2f} % of the picture's longer side beside what the others leave"
-    if wrong:
+    """The verdict on one camera, with what is seen of how it stands [5]: turn, px apart over the longer side, and
+    `Told`, where `exchanged` are cameras whose files may be exchanged."""
+    *turn, apart, told = map(float, standing)
+    seen, others = BY_JOINTS if told == Told.BY_JOINTS else BY_SILHOUETTES
+    beside = f"its {seen} {100 * apart:.2f} % of the picture's longer side beside {others}"
+    if told in (Told.WRONG, Told.EXCHANGED):
         measured, most = 100 * BOUNDS["features"] * apart / (APART / SIDE), 100 * APART / SIDE
-        told = f"{beside} (at most {most:.2g}), however it is turned"
-        if exchanged and wrong == EXCHANGED:
-            told += f"; in the place of {exchanged[0]} it would not: their files seem exchanged"
-        return Belief(False, measured, told)
+        reason = f"{beside} (at most {most:.2g}), however it is turned"
+        if exchanged and told == Told.EXCHANGED:
+            reason += f"; in the place of {exchanged[0]} it would not: their files seem exchanged"
+        return Belief(False, measured, reason)
     if not belief.believed or not any(turn):
         return belief
     return replace(

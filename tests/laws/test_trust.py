@@ -17,6 +17,7 @@ from posegaussian.dags.diagnostics.effects_table import effects_reasons
 from posegaussian.dags.inspection.inspect import footage_of, planned_of
 from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.results import Results
+from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.runtime.events import Notice, TasksChanged
 from posegaussian.stages.inspection.finding import FindingVerdict
 from posegaussian.stages.inspection.trust import camera_verdicts, of_trust
@@ -24,14 +25,14 @@ from posegaussian.storage.model.errors import ConfigError
 from tests.support.pipeline import Pipeline, film
 
 WRONG = "cam02"
-SETTINGS = ["views.trust=auto", "depth.method=hull", "metrics.measures=[psnr]", "frames.range=0:2"]
+SETTINGS = ["views.trust=auto", "depth.method=hull", "metrics.measures=[psnr]", "frames.range=0:1"]
 Spoil = Callable[[dict[str, Any]], None]
 
 
 @pytest.fixture(scope="module")
 def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("trust") / "capture"
-    film(folder, views=8, size=128, frames=2, depth=False)
+    film(folder, views=8, size=128, frames=1, depth=False)
     return folder
 
 
@@ -96,8 +97,8 @@ def test_a_wrong_camera_of_eight_is_found_and_no_other_is_accused(capture: Path,
 
 @pytest.mark.parametrize(
     "how",
-    [turned(3, 0, 0), turned(0, 3, 0), turned(2, 2, 0), turned(0, 0, 5), shifted(0, 0.1, 0)],
-    ids=["pitched", "yawed", "turned", "rolled", "raised"],
+    [turned(2, 2, 0), turned(0, 0, 5), shifted(0, 0.1, 0)],
+    ids=["turned", "rolled", "raised"],
 )
 def test_a_camera_of_eight_that_a_turn_mends_is_turned_and_no_other_is(
     capture: Path, tmp_path: Path, how: Spoil
@@ -105,6 +106,24 @@ def test_a_camera_of_eight_that_a_turn_mends_is_turned_and_no_other_is(
     context = spoilt(capture, tmp_path, how).context()
     assert turned_by_inspection(context) == {WRONG}
     assert not left_out_by_inspection(context)
+
+
+def test_without_masks_joints_tell_who_is_turned(capture: Path, tmp_path: Path) -> None:
+    """Two of eight by 2 degrees, along the lines of the others; of the exact joints that came with the capture to a
+    hundredth of a degree, the same in a run as by inspection."""
+    two = ("cam01", "cam04")
+    p = spoilt(capture, tmp_path, turned(0, 2, 0), two)
+    shutil.rmtree(p.folder / "masks")
+    p = p.with_settings("depth.method=sgbm")
+    p.register()
+    assert turned_by_inspection(p.context()) == set(two)
+    assert left_out_by_inspection(p.context()) == set()
+    p.run(selection=Selection(only=frozenset({"survey"})))
+    verdicts = p.plan().context.cameras
+    assert {name for name, verdict in verdicts.items() if verdict.turn.any()} == set(two)
+    for name in two:
+        assert np.degrees(verdicts[name].turn) == pytest.approx([0, -2, 0], abs=0.01)
+        assert "its joints lie" in verdicts[name].sentence
 
 
 @pytest.mark.parametrize("how", [None, turned(0.05, 0.05, 0.05), focal(1.003)], ids=["exact", "0.2 px", "0.3 %"])

@@ -1,8 +1,8 @@
-"""How cameras stand by their silhouettes, before anything else is measured of them."""
+"""How cameras stand by their silhouettes, or by joints, before anything else is measured of them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import reduce
 from hashlib import blake2b
@@ -10,12 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from posegaussian.stages.contract.facts import MASKS
+from posegaussian.stages.contract.facts import JOINTS2D, MASKS
 from posegaussian.stages.contract.io import Block, Inputs, TaskScope
+from posegaussian.stages.contract.trust import Told
+from posegaussian.stages.detection.reader import EstimatedJoints, joint_reader
 from posegaussian.stages.imaging.small_turns import turned
 from posegaussian.stages.imaging.warp import Warp
-from posegaussian.stages.silhouettes.coherence import FEWEST, Outlined, Standing, standing
-from posegaussian.stages.survey.algorithms.look import NO_FRAMES, Look
+from posegaussian.stages.silhouettes.coherence import FEWEST, Outlined, Standing, as_written, standing
+from posegaussian.stages.survey.algorithms.joint_standing import standing_by_joints
+from posegaussian.stages.survey.algorithms.joints import largest, people_of
+from posegaussian.stages.survey.algorithms.links import few_of
+from posegaussian.stages.survey.algorithms.look import Look
 from posegaussian.stages.survey.algorithms.sample import sample_numbers, worked_numbers
 from posegaussian.stages.survey.algorithms.silhouettes import masks_of
 from posegaussian.stages.survey.algorithms.surface import compared_numbers
@@ -70,32 +75,54 @@ class StandingLook(Look):
 def told(found: Standing, inputs: Inputs) -> np.ndarray:
     """[V, 5] float32, as `survey/standing` holds it."""
     apart = found.apart / float(inputs.rig.size.max())
-    wrong = np.isin(np.arange(len(apart)), list(found.wrong)) * (1 + found.exchanged)
-    return np.column_stack([found.turns, apart, wrong]).astype(np.float32)
+    wrong = np.isin(np.arange(len(apart)), list(found.wrong)) * (Told.EXCHANGED if found.exchanged else Told.WRONG)
+    told = np.where(found.by_joints & found.turns.any(axis=1), Told.BY_JOINTS, wrong)
+    return np.column_stack([found.turns, apart, told]).astype(np.float32)
 
 
 def as_they_stand(inputs: Inputs, sample: int) -> AsTheyStand:
-    """A task's inputs with its source cameras as their masks say they stand in a few of the frames that all of them
-    have, of a sample of so many."""
-    sources = inputs.views.sources
-    shared = [worked_numbers(inputs, v) for v in sources] if MASKS in inputs.facts else []
-    numbers = reduce(np.intersect1d, shared) if shared else NO_FRAMES
-    return AsTheyStand(inputs, standing_in(inputs, compared_numbers(sample_numbers(numbers, sample))))
+    """A task's inputs with its source cameras as they are seen to stand in a few of the frames that all of them have,
+    of a sample of so many."""
+    numbers = reduce(np.intersect1d, [worked_numbers(inputs, v) for v in inputs.views.sources])
+    return AsTheyStand(inputs, standing_in(inputs, sample_numbers(numbers, sample)))
 
 
-def standing_in(inputs: Inputs, numbers: Sequence[int] | np.ndarray) -> Standing:
-    """How source cameras stand by their masks in source frames `numbers`; as they are written down where there are no
-    masks, or fewer than `FEWEST` of them."""
-    rig, warps = inputs.rig, dict[int, Warp]()
-    masks = [masks_of(inputs, int(n), warps) for n in numbers] if MASKS in inputs.facts else []
+def standing_in(inputs: Inputs, numbers: np.ndarray) -> Standing:
+    """How source cameras stand by their masks in some of the sampled source frames `numbers` [n], or, where fewer than
+    `FEWEST` views have one, by joints; as they are written down where these tell nothing either."""
+    rig, sources, warps = inputs.rig, list(inputs.views.sources), dict[int, Warp]()
+    masks = [masks_of(inputs, int(n), warps) for n in compared_numbers(numbers)] if MASKS in inputs.facts else []
     masks = [m for m in masks if len(m) >= FEWEST]
-    parts = [
-        str((rig.digest, [sorted(m) for m in masks])).encode(),
-        *(m[v].tobytes() for m in masks for v in sorted(m)),
-    ]
-    key = blake2b(b"".join(parts)).digest()
+    if masks:
+        parts = [m[v] for m in masks for v in sorted(m)]
+        return _kept(
+            (rig.digest, [sorted(m) for m in masks]), parts, lambda: standing(rig, [Outlined.of(rig, m) for m in masks])
+        )
+    if JOINTS2D not in inputs.facts or len(sources) < FEWEST:
+        return as_written(rig)
+    joints = _joints(inputs, few_of(numbers))
+    found = _kept((rig.digest, sources), [joints], lambda: standing_by_joints(rig.subset(sources), joints))
+    turns, apart = np.zeros((len(rig), 3)), np.zeros(len(rig))
+    turns[sources], apart[sources] = found.turns, found.apart
+    return replace(found, turns=turns, apart=apart)
+
+
+def _joints(inputs: Inputs, numbers: np.ndarray) -> np.ndarray:
+    """[S, n * 17, 3] (u, v, score) of the largest person each source view shows in source frames `numbers` [n], px of
+    the rig."""
+    sources, reader = inputs.views.sources, joint_reader(inputs)
+    if isinstance(reader, EstimatedJoints):
+        for v in sources:
+            reader.look_at(v, numbers)
+    of_view = [[largest(people_of(inputs, v, int(n))) for n in numbers] for v in sources]
+    return np.array(of_view, dtype=np.float64).reshape(len(sources), -1, 3)
+
+
+def _kept(of: object, parts: Sequence[np.ndarray], find: Callable[[], Standing]) -> Standing:
+    """What is found, unless the same was before."""
+    key = blake2b(b"".join([str(of).encode(), *(part.tobytes() for part in parts)])).digest()
     if key not in _KEPT:
-        _KEPT[key] = standing(rig, [Outlined.of(rig, m) for m in masks])
+        _KEPT[key] = find()
     while len(_KEPT) > KEPT:
         _KEPT.pop(next(iter(_KEPT)))
     return _KEPT[key]

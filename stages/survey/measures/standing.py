@@ -1,4 +1,4 @@
-"""How source cameras stand by their silhouettes: which are turned against what is written down, and which are wrong."""
+"""How source cameras stand by their silhouettes or, without masks, by joints: which are turned, and which are wrong."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ MEASURE = Measure(
             "1",
             "How a source view stands by its silhouette: rad by which it is turned about its own axes, by how much of"
             " the longer side it contradicts the others as it is written down, and 1 where no turn mends that, 2 where"
-            " it would stand right in the place of the other one of which this is so.",
+            " it would stand right in the place of the other one of which this is so, 3 where joints told it.",
             when=STANDING,
             noted=True,
         ),
     ),
     _look,
-    of("masks"),
+    of("masks", "joints2d"),
 )

@@ -53,14 +53,12 @@ def test_exact_cameras_stand_as_they_are_written_down(person: PersonCapture) -> 
     "px",
     [
         {2: (0.0, 4.0, 0.0)},
-        {2: (0.0, -15.0, 0.0)},
-        {5: (3.0, 3.0, 0.0)},
-        {1: (0.0, 6.0, 0.0), 4: (0.0, -6.0, 0.0)},
+        {2: (3.0, -15.0, 0.0)},
         {0: (0.0, 4.0, 0.0), 1: (0.0, 4.0, 0.0)},
         {1: (0.0, 0.0, 8.0), 4: (0.0, 0.0, -8.0)},
         {1: (-5.0, 0.0, 0.0), 6: (0.0, 3.0, 0.0)},
     ],
-    ids=["yaw", "far", "both axes", "two apart", "two alike", "two rolled", "two ways"],
+    ids=["yaw", "far", "two alike", "two rolled", "two ways"],
 )
 def test_cameras_that_are_turned_are_turned_back(
     person: PersonCapture, px: dict[int, tuple[float, float, float]]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from posegaussian.stages.contract.trust import CameraVerdict, asks, judged_cameras
+from posegaussian.stages.contract.trust import CameraVerdict, Told, asks, judged_cameras
 from posegaussian.stages.survey.measures.agreement import NAME
 from posegaussian.stages.survey.measures.standing import STANDING
 from posegaussian.stages.survey.trust import TRUST
@@ -82,7 +82,7 @@ def test_masks_or_joints_alone_do_not_outvote_features_and_both_together_do() ->
 
 def test_what_silhouettes_say_turns_a_camera_or_leaves_it_out_whatever_lies_on_its_lines() -> None:
     turn, standing = (0.0, 0.02, 0.001), np.zeros((6, 5))
-    standing[2, :4], standing[4, 3:] = (*turn, 0.01), (0.02, 1)
+    standing[2, :4], standing[4, 3:] = (*turn, 0.01), (0.02, Told.WRONG)
     found = judged(parties(6, set()), standing)
     assert [v.state for v in found] == ["believed", "believed", "believed", "believed", "left out", "believed"]
     assert [i for i, v in enumerate(found) if v.turn.any()] == [2]
@@ -90,12 +90,17 @@ def test_what_silhouettes_say_turns_a_camera_or_leaves_it_out_whatever_lies_on_i
     assert "turned by 1.15 degrees" in found[2].sentence
     assert "1.00 % of the picture's longer side" in found[2].sentence
     assert "however it is turned" in found[4].sentence
+    assert "its silhouette lies" in found[2].sentence
     assert [i for i, v in enumerate(found) if v.overruled] == [2, 4]
+    standing[2, 4] = Told.BY_JOINTS
+    by_joints = judged(parties(6, set()), standing)[2]
+    assert (by_joints.state, tuple(by_joints.turn)) == ("believed", turn)
+    assert "its joints lie" in by_joints.sentence
 
 
 def test_two_cameras_whose_files_are_exchanged_are_told_so() -> None:
     standing = np.zeros((6, 5))
-    standing[1, 3:], standing[4, 3:] = (0.02, 2), (0.03, 2)
+    standing[1, 3:], standing[4, 3:] = (0.02, Told.EXCHANGED), (0.03, Told.EXCHANGED)
     found = judged(parties(6, set()), standing)
     assert [v.state for v in found].count("left out") == 2
     assert "in the place of c4" in found[1].sentence

@@ -63,7 +63,9 @@ def test_a_worker_with_another_library_refuses_and_another_one_does_its_tasks(
     backend = DaskBackend(RunSettings(workers=2, gpus=0))
     backend._client.register_plugin(OlderLibrary("cpu-1"), name="older")
     events = archive.run(selection=LAST, backend=backend)
-    (left_out,) = [e.sentence for e in events if isinstance(e, Notice)]
+    told = [e.sentence for e in events if isinstance(e, Notice)]
+    assert len(told) == 1, told
+    left_out = told[0]
     assert "has other code or libraries than this run: numpy (1.0 there, " in left_out
     assert left_out.endswith("it is given nothing")
     ran = [e for e in events if isinstance(e, TaskDone)]
