@@ -111,7 +111,7 @@ def footage_of(context: Context, joints: Any = None) -> tuple[Footage, list[Find
         joints = open_source(capture, "joints")
     if joints is not None:
         readers["joints"] = _Chosen(joints, views)
-    elif ESTIMATED in context.capture_facts:
+    if ESTIMATED in context.capture_facts:
         readers["estimator"] = estimator_of(context.asset_settings("estimator"))
     if capture.joints3d is not None:
         readers["joints3d"] = open_source(capture, "joints3d")
@@ -139,7 +139,16 @@ def planned_of(context: Context) -> Planned:
     matte, estimator = matte_choice(settings.frames, facts), estimator_choice(settings.detection, facts)
     sources, trust = context.asked_views.sources, settings.views.trust
     return Planned(
-        context.rig, context.active_views, sources, depth, matte, estimator, facts, trust, left_out_views(context)
+        context.rig,
+        context.active_views,
+        sources,
+        depth,
+        matte,
+        estimator,
+        facts,
+        trust,
+        left_out_views(context),
+        settings.survey.sample,
     )
 
 

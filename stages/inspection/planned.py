@@ -17,6 +17,7 @@ from posegaussian.stages.depth.params import DepthParams
 from posegaussian.stages.geometry.pairs import PairReport, PairVerdict, choose_pairs, pair_report
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.matching.sweep import nearest
+from posegaussian.stages.survey.params import SurveyParams
 from posegaussian.storage.model.cameras import Rig
 
 
@@ -42,6 +43,8 @@ class Planned:
     """Which cameras are believed whatever they show."""
     left_out: str = ""
     """One sentence on pictures of left-out source views, where anything is known of them."""
+    sample: int = SurveyParams().sample
+    """Frames that the survey looks at."""
 
     @cached_property
     def source_places(self) -> tuple[int, ...]:

@@ -12,7 +12,7 @@ from posegaussian.stages.contract.io import Views
 from posegaussian.stages.contract.trust import CameraVerdict, judged_cameras
 from posegaussian.stages.imaging.camera_mapping import frames_rig
 from posegaussian.stages.inspection.finding import Finding, FindingVerdict, unmeasured
-from posegaussian.stages.inspection.footage import Footage, inputs_of
+from posegaussian.stages.inspection.footage import Footage, inputs_of, shared_numbers
 from posegaussian.stages.inspection.planned import Planned
 from posegaussian.stages.survey.algorithms.agreement import agreement_of_view
 from posegaussian.stages.survey.algorithms.links import in_common
@@ -21,7 +21,7 @@ from posegaussian.stages.survey.algorithms.standing import AsTheyStand, standing
 from posegaussian.stages.survey.algorithms.standing import told as standing_told
 from posegaussian.stages.survey.measures.agreement import NAME as AGREEMENT
 from posegaussian.stages.survey.measures.standing import STANDING
-from posegaussian.stages.survey.params import LONGEST, SurveyParams
+from posegaussian.stages.survey.params import LONGEST
 from posegaussian.stages.survey.trust import TRUST
 
 MEASURE = "agreement"
@@ -53,10 +53,11 @@ def camera_verdicts(footage: Footage, planned: Planned) -> dict[str, CameraVerdi
     scope = replace(
         footage.scope,
         rig=frames_rig(footage.source_rig, LONGEST),
-        facts=footage.facts | ({JOINTS2D, ESTIMATED} if "estimator" in footage.readers else set()),
+        facts=(footage.facts - {JOINTS2D}) | (planned.facts & {JOINTS2D, ESTIMATED}),
         views=Views(footage.names, tuple(sources), ()),
     )
-    inputs, numbers = inputs_of(scope, footage), sample_numbers(footage.common, SurveyParams().sample)
+    inputs = inputs_of(scope, footage)
+    numbers = sample_numbers(shared_numbers(footage.numbers, sources), planned.sample)
     stand = AsTheyStand(inputs, standing_in(inputs, numbers))
     told = [agreement_of_view(stand, v, numbers, in_common(stand, v, numbers)) for v in sources]
     pairs, standing = np.stack([of_view[sources] for of_view in told]), standing_told(stand.standing, stand)[sources]

@@ -27,8 +27,8 @@ def run(inputs: Inputs, params: SurveyParams) -> Iterator[Block]:
 
     What is asked for stands in `inputs.facts`. The sample lies evenly over the frames that are worked on, first and
     last included, that of the plate over the whole source; S is `params.sample`, padding is -1. Pictures are decoded
-    only where they are looked at, and once. Measures of a view that is no source are 0: nothing follows from it. All
-    else is measured with the cameras as their silhouettes say they stand, where that is asked for.
+    only where they are looked at. Measures of a view that is no source are 0: nothing follows from it. All else is
+    measured with the cameras as they are seen to stand, where that is asked for.
     """
     view = inputs.view
     assert view is not None, "the survey stage runs over views"

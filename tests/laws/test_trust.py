@@ -124,6 +124,7 @@ def test_without_masks_joints_tell_who_is_turned(capture: Path, tmp_path: Path) 
     for name in two:
         assert np.degrees(verdicts[name].turn) == pytest.approx([0, -2, 0], abs=0.01)
         assert "its joints lie" in verdicts[name].sentence
+    assert turned_by_inspection(p.with_settings("detection.estimator=none").context()) == set(), "a run has no joints"
 
 
 @pytest.mark.parametrize("how", [None, turned(0.05, 0.05, 0.05), focal(1.003)], ids=["exact", "0.2 px", "0.3 %"])

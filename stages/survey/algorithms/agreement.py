@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from posegaussian.stages.contract.facts import JOINTS2D
+from posegaussian.stages.contract.facts import ESTIMATED, JOINTS2D
 from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.contract.trust import KINDS
 from posegaussian.stages.geometry.epipolar import fundamental, signed_epipolar_distance
@@ -22,8 +22,9 @@ WITHIN = 1.0
 FEWEST_JOINTS = 6
 """Joints that two cameras must both see of a person."""
 MOSTLY = 0.5
-"""Share of the frames in which they must. Of a walker seen from behind a detector found 7 joints in one frame of five,
-all of them elsewhere, and a camera that is right was left out by these."""
+"""Share of the frames in which a detector must find them: who hardly sees anybody sees them wrongly. Of a walker seen
+from behind it found 7 joints in one frame of five, all of them elsewhere, and a camera that is right was left out by
+these."""
 
 
 class AgreementLook(Look):
@@ -70,7 +71,7 @@ def agreement_of_view(inputs: Inputs, view: int, numbers: np.ndarray, pairs: Map
         told = (
             (shared.features.off, len(shared.features.first)),
             (shared.outlines.off, len(shared.outlines.first)),
-            _by_joints(inputs.rig, (view, v), people),
+            _by_joints(inputs.rig, (view, v), people, MOSTLY if ESTIMATED in inputs.facts else 0.0),
         )
         pixel = WITHIN * _pixel(inputs, (view, v))
         for kind, (distance, count) in enumerate(told):
@@ -91,9 +92,11 @@ def _people(inputs: Inputs, view: int, numbers: np.ndarray) -> dict[int, np.ndar
     return {n: people_of(inputs, view, n) for n in map(int, numbers) if n in had}
 
 
-def _by_joints(rig: Rig, pair: tuple[int, int], people: Mapping[int, Mapping[int, np.ndarray]]) -> tuple[float, int]:
+def _by_joints(
+    rig: Rig, pair: tuple[int, int], people: Mapping[int, Mapping[int, np.ndarray]], fewest: float
+) -> tuple[float, int]:
     """Px by which joints of two cameras miss their lines, of the two people who fit best, and in how many frames;
-    nothing where that is less than `MOSTLY` of them: a detector that hardly sees anybody sees them wrongly."""
+    nothing where that is less than a share of them."""
     if not people:
         return 0.0, 0
     matrix, (first, second) = fundamental(rig, *pair), (people[v] for v in pair)
@@ -101,7 +104,7 @@ def _by_joints(rig: Rig, pair: tuple[int, int], people: Mapping[int, Mapping[int
     for n in both:
         off = [d for a in first[n] for b in second[n] if (d := _apart(matrix, a, b)) is not None]
         found += [min(off)] if off else []
-    return (float(np.median(found)), len(found)) if found and len(found) >= MOSTLY * len(both) else (0.0, 0)
+    return (float(np.median(found)), len(found)) if found and len(found) >= fewest * len(both) else (0.0, 0)
 
 
 def _apart(matrix: np.ndarray, first: np.ndarray, second: np.ndarray) -> float | None:

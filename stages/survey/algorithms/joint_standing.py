@@ -3,7 +3,8 @@
 Rays through one joint meet in one point, whichever cameras see it. Those of a camera that is turned pass it by, along
 the lines of the others as well as across them, once three others see it. A detector errs by some px, and differently on
 a body that is seen from elsewhere, so that only larger turns are told; and only those that bring all joints of a camera
-back to the others at once, which no turn does for limbs exchanged, somebody else, or another moment.
+back to the others at once. A turn does so, nearly, for another moment of somebody who walks by, and for somebody else
+who stands beside: nobody is turned where that explains it.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from posegaussian.stages.geometry.points import NEAR, project
 from posegaussian.stages.geometry.triangulation import Tracks, meeting, residuals
 from posegaussian.stages.imaging.small_turns import SIDE, turned
 from posegaussian.stages.silhouettes.coherence import BEAM, FEWEST, MOST_WRONG, Standing
@@ -33,6 +35,12 @@ that is next to nothing. Cameras that were turned back have 1.3 to 2.2, one of a
 CLEAR = 1.0
 """Times what is left of a camera that must be left more, of all together, with other cameras turned: with half of that
 one of sixteen cameras that stand right was turned."""
+FARTHEST = np.radians(20.0)
+"""Turn beyond which a camera was not bumped."""
+AS_WELL = 1.3
+"""Times what a turn leaves up to which another moment explains joints as well."""
+LATEST = 30
+"""Frames by which a camera may be out of step, either way."""
 FEWEST_JOINTS = 12
 """Joints, of all frames together, that a camera must share with two others."""
 SCATTER = 2.0
@@ -50,24 +58,28 @@ class _Tried:
     """[S, 3] rad in each camera's axes."""
     apart: np.ndarray
     """[S] px of a picture of `SIDE` px, median over their joints, as they are written down; 0 of the others."""
+    after: np.ndarray
+    """[S] the same once they are turned."""
     mended: bool
     """Whether they are apart, and no longer once they are turned."""
     left: float
     """Px by which joints of all cameras then lie beside where their rays meet, mean over cameras."""
 
 
-def standing_by_joints(rig: Rig, joints: np.ndarray) -> Standing:
-    """How S cameras stand by joints [S, N, 3] (u, v, score) of one person in some frames, px of the rig: the fewest of
-    them turned so that their joints lie where those of the others do; nobody where that is not clear.
+def standing_by_joints(rig: Rig, people: np.ndarray, numbers: np.ndarray) -> Standing:
+    """How S cameras stand by the joints [S, F, P, J, 3] (u, v, score) of the people each shows in frames `numbers` [F],
+    px of the rig, the largest first: the fewest of them turned so that the joints of theirs lie where those of the
+    others do; nobody where that is not clear, or something else explains it as well.
 
     Then the same of cameras that stand so, as a small turn hides behind a large one.
     """
+    joints = people[:, :, 0].reshape(len(rig), -1, 3)
     tracks, wrong = Tracks.of(rig, np.arange(len(rig)), joints, SCORE), frozenset[int]()
-    found = _Tried(wrong, np.zeros((len(rig), 3)), np.zeros(len(rig)), True, 0.0)
+    found = _Tried(wrong, np.zeros((len(rig), 3)), np.zeros(len(rig)), np.zeros(len(rig)), True, 0.0)
     while len(rig) >= FEWEST:
         more = _fewest(turned(rig, found.turns), joints, min(MOST_WRONG, len(rig) // 3) - len(wrong))
         together = _turned_back(rig, joints, tracks, wrong | more.wrong) if more and not more.wrong <= wrong else None
-        if together is None:
+        if together is None or not together.mended or _otherwise(rig, people, numbers, tracks, together):
             break
         found, wrong = together, together.wrong
     return Standing(found.turns, frozenset(), False, found.apart * float(rig.size.max()) / SIDE, by_joints=True)
@@ -92,22 +104,66 @@ def _fewest(rig: Rig, joints: np.ndarray, most: int) -> _Tried | None:
 def _turned_back(rig: Rig, joints: np.ndarray, tracks: Tracks, wrong: frozenset[int]) -> _Tried | None:
     """Some cameras turned to the others; None where they share too few joints with these."""
     right = [v for v in range(len(rig)) if v not in wrong]
-    points = _points(tracks, right)
-    known = (tracks.weights[right] > 0).sum(axis=0) >= 2
+    points, known = _points(tracks, right), (tracks.weights[right] > 0).sum(axis=0) >= 2
+    among = _scatter(rig, tracks, right)
     turns, apart, after = np.zeros((len(rig), 3)), np.zeros(len(rig)), np.zeros(len(rig))
     for v in sorted(wrong):
         shared = known & (tracks.weights[v] > 0)
         if shared.sum() < FEWEST_JOINTS:
             return None
         turns[v] = _turn(rig, tracks, v, points, shared)
+    if not np.isfinite(among) or np.linalg.norm(turns, axis=-1).max() > FARTHEST:
+        return None
     stand = turned(rig, turns)
     now = Tracks.of(stand, tracks.views, joints, SCORE)
     for v in sorted(wrong):
         shared = known & (tracks.weights[v] > 0)
         apart[v], after[v] = (np.median(_off(r, t, points)[shared, v]) for r, t in ((rig, tracks), (stand, now)))
-    most = CURED * max(EXACT, _scatter(rig, tracks, right))
+    most = CURED * max(EXACT, among)
     mended = all(apart[v] >= max(APART, NEARER * after[v]) and after[v] <= most for v in wrong)
-    return _Tried(wrong, turns, apart, mended, _scatter(stand, now, range(len(rig))))
+    return _Tried(wrong, turns, apart, after, mended, _scatter(stand, now, range(len(rig))))
+
+
+def _otherwise(rig: Rig, people: np.ndarray, numbers: np.ndarray, tracks: Tracks, found: _Tried) -> bool:
+    """Whether one of the cameras as it is written down shows somebody else where the others see the person, or the
+    person at another moment as well as turned."""
+    right = [v for v in range(len(rig)) if v not in found.wrong]
+    frames, count = people.shape[1], people.shape[3]
+    points = _points(tracks, right).reshape(frames, count, 3)
+    known = (tracks.weights[right] > 0).sum(axis=0).reshape(frames, count) >= 2
+    return any(
+        _somebody_else(rig.subset([v]), people[v, :, 1:], points, known, float(found.apart[v]))
+        or _another_moment(rig.subset([v]), people[v, :, 0], numbers, points, known) <= AS_WELL * found.after[v]
+        for v in found.wrong
+    )
+
+
+def _somebody_else(camera: Rig, others: np.ndarray, points: np.ndarray, known: np.ndarray, apart: float) -> bool:
+    """Whether other people of a camera, [F, P, J, 3], lie at world points [F, J, 3] in half of the frames."""
+    fits = 0
+    for seen, place, told in zip(others, points, known, strict=True):
+        off = [_beside(camera, one, place, told) for one in seen]
+        fits += bool(off) and min(off) <= max(APART, apart / NEARER)
+    return 2 * fits >= len(points)
+
+
+def _another_moment(camera: Rig, seen: np.ndarray, numbers: np.ndarray, points: np.ndarray, known: np.ndarray) -> float:
+    """Px of a picture of `SIDE` px by which joints [F, J, 3] of a camera lie beside world points [F, J, 3] some frames
+    before or after, median, at best; infinite of a single frame."""
+    if len(numbers) < 2:
+        return np.inf
+    velocity = np.gradient(points, numbers.astype(np.float64), axis=0)
+    told = known & (np.gradient(known.astype(float), axis=0) == 0)
+    return min(_beside(camera, seen, points + late * velocity, told) for late in range(-LATEST, LATEST + 1))
+
+
+def _beside(camera: Rig, seen: np.ndarray, points: np.ndarray, known: np.ndarray) -> float:
+    """Px of a picture of `SIDE` px from world points [..., 3] to joints [..., 3] of one camera, median of those that
+    are known; infinite of none."""
+    pixels, depth = project(camera, points)
+    told = known & (seen[..., 2] >= SCORE) & (depth[..., 0] > NEAR)
+    off = np.linalg.norm(pixels[..., 0, :] - seen[..., :2], axis=-1)[told]
+    return float(np.median(off)) * SIDE / float(camera.size.max()) if len(off) else np.inf
 
 
 def _turn(rig: Rig, tracks: Tracks, view: int, points: np.ndarray, shared: np.ndarray) -> np.ndarray:
@@ -117,7 +173,7 @@ def _turn(rig: Rig, tracks: Tracks, view: int, points: np.ndarray, shared: np.nd
     seen = tracks.directions[view, shared] @ rotation.T
     ahead = points[shared] - rig.centres[view]
     ahead = ahead / np.linalg.norm(ahead, axis=-1, keepdims=True) @ rotation.T
-    px = rig.intrinsics[view, 0, 0] * SIDE / float(rig.size.max())
+    px = rig.intrinsics[view, 0, 0] * SIDE / float(rig.size[view].max())
     weights, turn = tracks.weights[view, shared], np.eye(3)
     for _ in range(STEPS):
         off = px * np.linalg.norm(seen - ahead @ turn.T, axis=-1)

@@ -109,12 +109,17 @@ def _seen(inputs: Inputs, view: int, joints: np.ndarray) -> np.ndarray:
 
 
 def largest(people: np.ndarray) -> np.ndarray:
-    """[J, 3] the person of [n, J, 3] with the largest sum of scores times diagonal of the joints' box; zeros of
-    nobody."""
-    best, size = np.zeros(people.shape[1:]), 0.0
-    for person in np.where(np.isfinite(people).all(axis=-1, keepdims=True), people, 0.0):
+    """[J, 3] the largest person of [n, J, 3]; zeros of nobody."""
+    sorted_ones = by_size(people)
+    return sorted_ones[0] if len(sorted_ones) else np.zeros(people.shape[1:])
+
+
+def by_size(people: np.ndarray) -> np.ndarray:
+    """[m, J, 3] people of [n, J, 3] who show anything, by the sum of scores times the diagonal of the joints' box, the
+    largest first."""
+    sizes, known_ones = [], np.where(np.isfinite(people).all(axis=-1, keepdims=True), people, 0.0)
+    for person in known_ones:
         known = person[person[:, 2] > 0]
-        extent = float(known[:, 2].sum() * np.linalg.norm(np.ptp(known[:, :2], axis=0))) if len(known) else 0.0
-        if extent > size:
-            best, size = person, extent
-    return best
+        sizes.append(float(known[:, 2].sum() * np.linalg.norm(np.ptp(known[:, :2], axis=0))) if len(known) else 0.0)
+    order = sorted((n for n, size in enumerate(sizes) if size > 0), key=lambda n: -sizes[n])
+    return np.asarray(known_ones[order])

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from posegaussian.stages.contract.facts import JOINTS2D, MASKS
+from posegaussian.stages.contract.facts import ESTIMATED, JOINTS2D, MASKS
 from posegaussian.stages.contract.io import Block, Inputs, TaskScope
 from posegaussian.stages.contract.trust import Told
 from posegaussian.stages.detection.reader import EstimatedJoints, joint_reader
@@ -18,7 +18,7 @@ from posegaussian.stages.imaging.small_turns import turned
 from posegaussian.stages.imaging.warp import Warp
 from posegaussian.stages.silhouettes.coherence import FEWEST, Outlined, Standing, as_written, standing
 from posegaussian.stages.survey.algorithms.joint_standing import standing_by_joints
-from posegaussian.stages.survey.algorithms.joints import largest, people_of
+from posegaussian.stages.survey.algorithms.joints import by_size, people_of
 from posegaussian.stages.survey.algorithms.links import few_of
 from posegaussian.stages.survey.algorithms.look import Look
 from posegaussian.stages.survey.algorithms.sample import sample_numbers, worked_numbers
@@ -98,24 +98,36 @@ def standing_in(inputs: Inputs, numbers: np.ndarray) -> Standing:
         return _kept(
             (rig.digest, [sorted(m) for m in masks]), parts, lambda: standing(rig, [Outlined.of(rig, m) for m in masks])
         )
-    if JOINTS2D not in inputs.facts or len(sources) < FEWEST:
+    if JOINTS2D not in inputs.facts or len(sources) < FEWEST or _doubtful_pixels(inputs):
         return as_written(rig)
-    joints = _joints(inputs, few_of(numbers))
-    found = _kept((rig.digest, sources), [joints], lambda: standing_by_joints(rig.subset(sources), joints))
+    few, cameras = few_of(numbers), rig.subset(sources)
+    people = _people(inputs, few)
+    found = _kept((rig.digest, sources, few), [people], lambda: standing_by_joints(cameras, people, few))
     turns, apart = np.zeros((len(rig), 3)), np.zeros(len(rig))
-    turns[sources], apart[sources] = found.turns, found.apart
+    turns[sources], apart[sources] = found.turns, found.apart * rig.size.max() / cameras.size.max()
     return replace(found, turns=turns, apart=apart)
 
 
-def _joints(inputs: Inputs, numbers: np.ndarray) -> np.ndarray:
-    """[S, n * 17, 3] (u, v, score) of the largest person each source view shows in source frames `numbers` [n], px of
-    the rig."""
+def _people(inputs: Inputs, numbers: np.ndarray) -> np.ndarray:
+    """[S, n, P, 17, 3] (u, v, score) of the people each source view shows in source frames `numbers` [n], px of the
+    rig, the largest first; score 0 where there are fewer."""
     sources, reader = inputs.views.sources, joint_reader(inputs)
     if isinstance(reader, EstimatedJoints):
         for v in sources:
             reader.look_at(v, numbers)
-    of_view = [[largest(people_of(inputs, v, int(n))) for n in numbers] for v in sources]
-    return np.array(of_view, dtype=np.float64).reshape(len(sources), -1, 3)
+    of_view = [[by_size(people_of(inputs, v, int(n))) for n in numbers] for v in sources]
+    most = max([1, *(len(people) for frames in of_view for people in frames)])
+    out = np.zeros((len(sources), len(numbers), most, 17, 3))
+    for v, frames in enumerate(of_view):
+        for n, people in enumerate(frames):
+            out[v, n, : len(people)] = people
+    return out
+
+
+def _doubtful_pixels(inputs: Inputs) -> bool:
+    """Whether it is not known here which pixels joints refer to: given ones may be those of the calibrated picture
+    (`pose.joints_frame`), where a camera that is cropped would look turned."""
+    return ESTIMATED not in inputs.facts and not (inputs.captured_to_calibrated == [1.0, 0.0, 0.0]).all()
 
 
 def _kept(of: object, parts: Sequence[np.ndarray], find: Callable[[], Standing]) -> Standing:

@@ -3,24 +3,29 @@ mends turns nobody."""
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from posegaussian.stages.imaging.small_turns import turned
 from posegaussian.stages.silhouettes.coherence import Standing
+from posegaussian.stages.survey.algorithms.agreement import MOSTLY, _by_joints
 from posegaussian.stages.survey.algorithms.joint_standing import standing_by_joints
+from posegaussian.stages.survey.algorithms.standing import standing_in
 from posegaussian.storage.model.cameras import Rig
-from tests.support.walking_skeleton import SKELETON, moving, pixels, ring
+from tests.support.walking_skeleton import SKELETON, Joints2D, moving, pixels, ring, roles
 
-SIZE, FRAMES = 512, 5
+SIZE, FRAMES, APART_IN_TIME = 512, 5, 7
 LEFT, RIGHT = slice(1, None, 2), slice(2, None, 2)
 """COCO-17: joints of either side behind the nose."""
 
 
-def detected(rig: Rig, noise: float = 2.0, seed: int = 0) -> np.ndarray:
+def detected(rig: Rig, noise: float = 2.0, seed: int = 0, person: np.ndarray | None = None) -> np.ndarray:
     """[S, F, 17, 3] joints as a detector finds them: off by px that are alike in all frames, and some that are not."""
     rng = np.random.default_rng(seed)
-    seen = pixels(rig, moving(FRAMES)).swapaxes(0, 1)
+    seen = pixels(rig, moving(FRAMES) if person is None else person).swapaxes(0, 1)
     seen[..., :2] += noise * (rng.normal(size=(len(rig), 1, 17, 2)) + rng.normal(size=seen[..., :2].shape)) / np.sqrt(2)
     return seen
 
@@ -33,8 +38,9 @@ def written(rig: Rig, px: dict[int, tuple[float, float, float]]) -> tuple[Rig, n
     return turned(rig, turns), -turns
 
 
-def found(rig: Rig, joints: np.ndarray) -> Standing:
-    return standing_by_joints(rig, joints.reshape(len(rig), -1, 3))
+def found(rig: Rig, joints: np.ndarray, *others: np.ndarray) -> Standing:
+    """Of [S, F, 17, 3] joints of each camera's largest person, and of others, in frames seven apart."""
+    return standing_by_joints(rig, np.stack([joints, *others], axis=2), APART_IN_TIME * np.arange(joints.shape[1]))
 
 
 def nobody(told: Standing) -> bool:
@@ -83,7 +89,7 @@ def test_a_small_turn_behind_a_large_one_is_found_too() -> None:
 
 @pytest.mark.parametrize("views", [6, 16])
 def test_what_no_turn_mends_turns_nobody(views: int) -> None:
-    """Limbs exchanged in one view, another moment of somebody who turns and goes, somebody else elsewhere."""
+    """Limbs exchanged in one view, another moment of somebody who turns and goes, a child elsewhere."""
     rig = ring(views, SIZE)
     exchanged = detected(rig)
     exchanged[2, :, LEFT], exchanged[2, :, RIGHT] = exchanged[2, :, RIGHT].copy(), exchanged[2, :, LEFT].copy()
@@ -94,6 +100,75 @@ def test_what_no_turn_mends_turns_nobody(views: int) -> None:
     else_where = detected(rig)
     else_where[2] = pixels(rig, SKELETON[None] * [1, 1, 0.7] + [[[0.5, 0.4, 0.0]]])[:, 2]
     assert nobody(found(rig, else_where))
+
+
+def walker(late: int = 0) -> np.ndarray:
+    """[F, 17, 3] metres: somebody who walks straight on at 1.4 m/s, filmed by 25 frames a second, frames seven apart,
+    so many frames late; arms and legs swing."""
+    t = (APART_IN_TIME * np.arange(FRAMES) + late) / 25
+    out = np.repeat(SKELETON[None], FRAMES, axis=0)
+    out[:, :, 1] += 1.4 * (t - 0.6)[:, None]
+    for joint, sign, reach in ((9, 1, 0.25), (10, -1, 0.25), (7, 1, 0.1), (8, -1, 0.1), (15, -1, 0.3), (16, 1, 0.3)):
+        out[:, joint, 1] += sign * reach * np.sin(2 * np.pi * t)
+    return out
+
+
+@pytest.mark.parametrize("views", [4, 6, 8])
+def test_a_camera_that_is_late_is_not_turned_after_somebody_who_walks_by(views: int) -> None:
+    rig = ring(views, SIZE, radius=3.5)
+    for late in (1, 2, 3, 5, 8):
+        for noise in (0.0, 2.0):
+            joints = detected(rig, noise, late, walker())
+            joints[1] = detected(rig, noise, late, walker(late))[1]
+            assert nobody(found(rig, joints))
+
+
+def test_a_camera_that_is_turned_is_turned_back_though_somebody_walks_by() -> None:
+    rig, _ = written(right := ring(8, SIZE, radius=3.5), {2: (12.0, 12.0, 0.0)})
+    assert set(np.flatnonzero(found(rig, detected(right, 2.0, 0, walker())).apart)) == {2}
+
+
+def test_where_somebody_else_is_the_largest_nobody_is_turned() -> None:
+    """Two people of one build side by side, of whom one camera has the other one as the largest."""
+    rig = ring(6, SIZE, radius=3.5, degrees=120.0)
+    for place in ([0.0, 0.8, 0.0], [0.3, -0.7, 0.0]):
+        person, other = (detected(rig, 0.0, 0, moving(FRAMES) + at) for at in (np.zeros(3), np.array(place)))
+        joints, others = person.copy(), other.copy()
+        joints[1], others[1] = other[1], person[1]
+        assert nobody(found(rig, joints, others))
+        assert set(np.flatnonzero(found(rig, joints).apart)) <= {1}, "did the other picture show one person"
+
+
+def test_given_joints_of_cropped_pictures_turn_nobody() -> None:
+    """They may be those of the calibrated picture, where a camera that is cropped looks turned."""
+    rig, _ = written(right := ring(8, SIZE), {1: (0.0, 18.0, 0.0)})
+    reader = Joints2D.single(detected(right, 0.0).swapaxes(0, 1))
+    inputs: Any = SimpleNamespace(
+        facts=frozenset({"joints2d"}),
+        views=roles(rig),
+        rig=rig,
+        source_rig=rig,
+        captured_to_calibrated=np.tile([1.0, 0.0, 0.0], (8, 1)),
+        source=lambda kind: reader,
+    )
+    assert set(np.flatnonzero(standing_in(inputs, np.arange(FRAMES)).apart)) == {1}
+    inputs.captured_to_calibrated[2] = 1.0, 40.0, 0.0
+    assert nobody(standing_in(inputs, np.arange(FRAMES)))
+
+
+@pytest.mark.parametrize("estimated", [False, True])
+def test_who_sees_somebody_in_few_frames_accuses_nobody_but_by_joints_that_were_given(estimated: bool) -> None:
+    rig, _ = written(right := ring(4, SIZE), {1: (40.0, 0.0, 0.0)})
+    seen = detected(right, 0.0)
+    people = {v: {n: seen[v, n][None] * (n < 2) for n in range(FRAMES)} for v in (0, 1)}
+    fewest = MOSTLY if estimated else 0.0
+    off, count = _by_joints(rig, (0, 1), people, fewest)
+    assert (off > 0, count) == ((False, 0) if estimated else (True, 2))
+
+
+def test_a_camera_that_looks_away_was_not_bumped() -> None:
+    rig, _ = written(right := ring(8, SIZE), {1: (0.0, 0.7 * SIZE, 0.0)})
+    assert nobody(found(rig, detected(right)))
 
 
 def test_the_order_of_cameras_and_the_size_of_pictures_are_indifferent() -> None:
