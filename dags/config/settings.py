@@ -68,7 +68,7 @@ class ViewSettings(Params):
     )
     trust: Literal["auto", "all"] | list[str] = setting(
         "auto",
-        "Which sources are believed; auto: all but those that contradict the others, turned where their silhouettes"
+        "Which sources are believed; auto: all but those that contradict the others, turned where silhouettes or joints"
         " ask for it, all: every one as it is written down, names: these whatever they show, and of the others those"
         " that auto believes.",
     )

@@ -1,5 +1,5 @@
-"""Which cameras contradict the others: by their silhouettes, which say how they stand, and then by lines, where every
-pair has a vote, and the larger party is believed.
+"""Which cameras contradict the others: by silhouettes or joints, which say how they stand, and then by lines, where
+every pair has a vote, and the larger party is believed.
 
 A wrong camera contradicts most of those it is compared with, and each of these contradicts only the wrong ones, so that
 cameras fall into parties; the larger one is believed, and whoever more than half of it contradicts is not. Wrong

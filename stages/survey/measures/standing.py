@@ -22,9 +22,10 @@ MEASURE = Measure(
             ("view", "standing"),
             "float32",
             "1",
-            "How a source view stands by its silhouette: rad by which it is turned about its own axes, by how much of"
-            " the longer side it contradicts the others as it is written down, and 1 where no turn mends that, 2 where"
-            " it would stand right in the place of the other one of which this is so, 3 where joints told it.",
+            "How a source view stands by its silhouette or by joints: rad by which it is turned about its own axes, by"
+            " how much of the longer side it contradicts the others as it is written down, and 1 where no turn mends"
+            " that, 2 where it would stand right in the place of the other one of which this is so, 3 where joints told"
+            " it.",
             when=STANDING,
             noted=True,
         ),
