@@ -39,11 +39,14 @@ def tiny(**more: object) -> TrainingConfig:
     return TrainingConfig.model_validate({**settings, **more})
 
 
-def ball(size: int = 64, exact: bool = False, angles: tuple[float, ...] = (-15.0, 15.0)) -> Frame:
-    """Sources at so many degrees and the camera between the first two, which are the pairs.
-    `exact`: the start is the truth."""
+def ball(
+    size: int = 64, exact: bool = False, angles: tuple[float, ...] = (-15.0, 15.0), stacked: bool = False
+) -> Frame:
+    """Sources at so many degrees around the ball and the camera between the first two, which are the pairs. `exact`:
+    the start is the truth. `stacked`: the cameras stand above each other instead."""
     sources = len(angles)
-    rig = rig_of([camera(on_ring(a), np.zeros(3)) for a in (*angles, 0)], (size, size), 1.6 * size)
+    places = [on_ring(0, elevation=a) if stacked else on_ring(a) for a in (*angles, 0)]
+    rig = rig_of([camera(p, np.zeros(3)) for p in places], (size, size), 1.6 * size)
     truth = np.stack([sphere_depth(rig, v, np.zeros(3), RADIUS) for v in range(sources + 1)]).astype(np.float32)
     mask = np.stack([sphere_mask(rig, v, np.zeros(3), RADIUS) for v in range(sources + 1)])
     start = truth[:sources] if exact else np.stack([_larger(rig, v) for v in range(sources)])

@@ -38,14 +38,8 @@ class Quarters:
         the rectified ones: sizes change places, the two components of a normal (x, -y), `signed`, are turned."""
         if not any(self.turns):
             return said
-        out = said.clone()
         x, y = axes
-        for one, own, turn in zip(out, said, self.turns, strict=True):
-            a, b = own[x], own[y]
-            for _ in range(turn % 4):
-                a, b = b, -a if signed else a
-            one[x], one[y] = a, b
-        return out
+        return torch.stack([_axes_turned(own, x, y, turn, signed) for own, turn in zip(said, self.turns, strict=True)])
 
     def _turned(self, maps: torch.Tensor, sense: int) -> torch.Tensor:
         if not any(self.turns):
@@ -55,3 +49,11 @@ class Quarters:
         if maps.shape[2] != maps.shape[3] and any(t % 2 for t in self.turns):
             raise ValueError(f"maps of {tuple(maps.shape[2:])} cells, some turned on their side, are no batch")
         return torch.stack([torch.rot90(m, sense * t, (1, 2)) for m, t in zip(maps, self.turns, strict=True)])
+
+
+def _axes_turned(said: torch.Tensor, x: int, y: int, turn: int, signed: bool) -> torch.Tensor:
+    """Maps [n, h, w] with the channels x and y turned by quarters; gradients pass."""
+    channels = list(said)
+    for _ in range(turn % 4):
+        channels[x], channels[y] = channels[y], -channels[x] if signed else channels[x]
+    return torch.stack(channels)

@@ -78,6 +78,17 @@ def test_training_lowers_the_loss(frames: dict[int, Frame]) -> None:
     assert trainer.weights().keys() == trainer.network.state_dict().keys()
 
 
+def test_cameras_above_each_other_are_trained_on_through_both_phases() -> None:
+    """Their pictures are turned by a quarter, and gradients find their way back."""
+    config, frames = tiny(depth_steps=2, joint_steps=2), {0: ball(stacked=True)}
+    batch = drawn(config, 0, dict.fromkeys(frames_of_step(config, 0), frames[0]))[0]
+    assert all(t % 2 for t in together(batch, torch.device("cpu")).views.turned.turns)
+    trainer = NetworkTrainer(config)
+    log = [trainer.advance(frames) for _ in range(4)]
+    assert [row["skipped"] for row in log] == [0] * 4
+    assert [row["render"] > 0 for row in log] == [False, False, True, True]
+
+
 def test_training_with_third_views_lowers_the_loss() -> None:
     config, frames = tiny(learning_rate=2e-3, further_views=True, batch=2), {0: ball(angles=(-15.0, 15.0, 40.0))}
     trainer = NetworkTrainer(config)

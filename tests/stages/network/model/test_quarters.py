@@ -76,6 +76,22 @@ def test_of_views_alone_the_same_is_said_however_they_are_turned(turn: int, rota
     assert torch.equal(found.numbers["opacity"], quarters.in_rows(upright.numbers["opacity"]))
 
 
+@pytest.mark.parametrize("rotation_head", ["normal", "quaternion"])
+def test_gradients_are_the_same_however_pictures_are_turned(rotation_head: str) -> None:
+    """Of a sum that no quarter changes; single precision adds in another order."""
+    net, views = network(alone=True, rotation_head=rotation_head).requires_grad_(True), random_views(1)
+    views = replace(views, alone=torch.ones(2, dtype=torch.bool))
+    found = []
+    for turn in range(4):
+        said = net(in_rows(views, turn), 1)
+        parts = [said.change.sum(), *(said.numbers[n].square().sum() for n in ("scale", "rotation", "opacity"))]
+        used = torch.autograd.grad(sum(parts), tuple(net.parameters()), allow_unused=True)
+        found.append(torch.cat([g.flatten() for g in used if g is not None]))
+    assert float(found[0].abs().max()) > 0
+    for turned in found[1:]:
+        torch.testing.assert_close(turned, found[0], rtol=1e-3, atol=1e-4 * float(found[0].abs().max()))
+
+
 def test_pairs_are_compared_along_their_own_rows(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[torch.Tensor] = []
 
