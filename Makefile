@@ -23,7 +23,7 @@ test: $(STAMP) ## Run the tests, two processes at once.
 lint: $(STAMP) ## Check style and types.
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy -p posegaussian
+	$(BIN)/mypy -p posegaussian -p benchmarks
 
 # A benchmark is a line below: RUNS holds its modules of benchmarks/, each in quotes with its arguments.
 MEASURE = set -e; for run in $(RUNS); do $(BIN)/python -m benchmarks.$$run; done

@@ -19,6 +19,7 @@ from posegaussian.stages.rendering.lift import GaussianMaps, lift
 from posegaussian.stages.rendering.sources import unrefined_arrays
 from posegaussian.stages.silhouettes.hull import Silhouettes
 from posegaussian.stages.silhouettes.places import agreed
+from posegaussian.stages.silhouettes.softness import softness
 from posegaussian.stages.splatting.definition.scene import Camera
 
 
@@ -70,11 +71,12 @@ class Scene:
     def pictures(self, gaussians: FreeGaussians) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
         """(held-out view, its picture filled, evened, clipped as rendering does, the picture as it is), sRGB 0..1."""
         rig, masks = self.results.context.rig, {v: self.masks[v] for v in self.maps}
+        widths = {v: softness([m[: rig.size[v, 1], : rig.size[v, 0]]]) for v, m in masks.items()}
         for v in self.results.context.views.held_out:
             with torch.no_grad():
                 drawn = gaussians.draw(self.cameras[v])
             color, alpha = drawn.color[0].numpy(), drawn.alpha[0].numpy()
-            outlines = outlines_for(self.cameras[v], rig, self.silhouettes, masks)
+            outlines = outlines_for(self.cameras[v], rig, self.silhouettes, masks, widths)
             yield (
                 v,
                 retouched(color, alpha, self.silhouettes, self.cameras[v], 1.0, outlines, self.silhouettes)[0],

@@ -25,6 +25,7 @@ from posegaussian.stages.depth.algorithms.scene import Frame, Geometry
 from posegaussian.stages.depth.algorithms.sweeping import sweep_open
 from posegaussian.stages.depth.params import DepthParams
 from posegaussian.storage.model.cameras import Rig, from_integer_centres
+from posegaussian.storage.readers.images import read_picture
 
 FOLDER = Path(os.environ.get("POSEGAUSSIAN_CAPTURES", "../shared")) / "reference" / "motorcycle"
 FOCAL, CENTRE, SHIFT, BASELINE = 994.978, (311.193, 254.877), 31.086, 0.193001
@@ -63,10 +64,7 @@ def load(folder: Path = FOLDER) -> Pair:
         raise FileNotFoundError(
             f"{folder} is missing; set POSEGAUSSIAN_CAPTURES to the folder that holds reference/motorcycle"
         )
-    left, right = (
-        np.ascontiguousarray(cv2.imread(str(folder / f"motorcycle_{side}.png"))[..., ::-1])
-        for side in ("left", "right")
-    )
+    left, right = (read_picture(folder / f"motorcycle_{side}.png") for side in ("left", "right"))
     return Pair(left, right, np.load(folder / "motorcycle_disp.npz")["arr_0"])
 
 

@@ -15,6 +15,7 @@ import argparse
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any
 
 import cv2
@@ -136,6 +137,11 @@ def main() -> None:
     publish("sweep_time", rows, vars(arguments))
 
 
+def _at_once(pool: ThreadPoolExecutor, count: int, given: tuple[Any, ...]) -> None:
+    """So many cost volumes at a time."""
+    list(pool.map(lambda _: sweep.cost_volume(*given), range(count)))
+
+
 def volumes(call: tuple[str, float, tuple[Any, ...], Any], repeats: int) -> list[dict[str, Any]]:
     """Rows of the dearest volume of the frame: fused and plain, on one thread and two (two volumes at a time; torch
     inside an operation)."""
@@ -144,10 +150,7 @@ def volumes(call: tuple[str, float, tuple[Any, ...], Any], repeats: int) -> list
     before = torch.get_num_threads()
     with ThreadPoolExecutor(2) as pool, torch.no_grad():
         for threads in (1, 2):
-            fused = (
-                least(lambda n=threads: list(pool.map(lambda _: sweep.cost_volume(*given), range(n))), repeats)
-                / threads
-            )  # type: ignore[misc]
+            fused = least(partial(_at_once, pool, threads, given), repeats) / threads
             torch.set_num_threads(threads)
             slow = least(lambda: plain(*as_tensors), 1)
             rows.append(

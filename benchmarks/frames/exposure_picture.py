@@ -57,13 +57,8 @@ def main() -> None:
     desk = Path(os.environ.get("POSEGAUSSIAN_CAPTURES", "../shared")) / "captures" / "desk"
     with tempfile.TemporaryDirectory() as name:
         results = matched(desk, Path(name) / "archive", a.frame)
-        reader, rows = (
-            open_source(results.context.capture, "pictures"),
-            (
-                [],
-                [],
-            ),
-        )  # type: tuple[list[np.ndarray], list[np.ndarray]]
+        reader = open_source(results.context.capture, "pictures")
+        rows: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
         for v in range(len(results.context.rig)):
             (filmed,) = reader.read(v, [a.frame])
             for row, picture in zip(rows, (filmed, results.read("frames/color", range(1), v)[0]), strict=True):

@@ -52,7 +52,9 @@ def only(*views: int) -> Callable[[Change], Change]:
 
 def _jpeg(picture: np.ndarray, _v: int, _random: np.random.Generator) -> np.ndarray:
     ok = cv2.imencode(".jpg", picture.astype(np.uint8), [cv2.IMWRITE_JPEG_QUALITY, 50])[1]
-    return cv2.imdecode(ok, cv2.IMREAD_COLOR).astype(np.float32)
+    read = cv2.imdecode(ok, cv2.IMREAD_COLOR)
+    assert read is not None
+    return read.astype(np.float32)
 
 
 def _vignetted(picture: np.ndarray, _v: int, _random: np.random.Generator) -> np.ndarray:
@@ -187,8 +189,10 @@ def spoil(capture: Path, held_out: set[str], fault: Fault) -> None:
         folders = [f for f in sorted((capture / kind).iterdir()) if f.name not in held_out] if change else []
         for v, folder in enumerate(folders):
             for file in sorted(folder.iterdir()):
+                read = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
                 assert change is not None
-                out = change(cv2.imread(str(file), cv2.IMREAD_UNCHANGED).astype(np.float32), v, random)
+                assert read is not None, file
+                out = change(read.astype(np.float32), v, random)
                 cv2.imwrite(str(file), np.clip(np.rint(out), 0, 255).astype(np.uint8))
     if fault.camera:
         file = capture / "cameras.json"

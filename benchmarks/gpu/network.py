@@ -30,7 +30,7 @@ def timings(name: str, network: PoseGaussianNetwork, views: PairViews, setup: Se
     """Of one preset, whose views are on the host."""
     side = f"{SIDE} px"
     plain = predict(network, views, ITERATIONS, "float32")
-    network = network.to(setup.device).to(memory_format=torch.channels_last)
+    network = network.to(setup.device).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     there = views.to(setup.device)
     for precision in ("bf16", "float32"):
 

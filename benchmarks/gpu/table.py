@@ -94,7 +94,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = parser.parse_args(arguments)
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     about, rows = circumstances(device), list[Row]()
-    settings = {k: v if isinstance(v, int | float) else str(v) for k, v in vars(given).items() if k != "parts"}
+    settings: dict[str, object] = {
+        k: v if isinstance(v, int | float) else str(v) for k, v in vars(given).items() if k != "parts"
+    }
     words = [w for k in ("minutes", "repeats", "training") for w in (f"--{k}", str(settings[k]))]
     for part in given.parts:
         print(f"--- {part}", flush=True)

@@ -146,13 +146,14 @@ def drawn_from(
     camera = Camera(rig.intrinsics[target], rig.world_to_camera[target], width, height)
     parts = [
         lift(
-            GaussianMaps(shown.color[v], *maps[v]),
+            GaussianMaps(shown.color[v], depth, scale, normal, opacity),
             rig.intrinsics[v],
             rig.world_to_camera[v],
             torch.float32,
             torch.device("cpu"),
         ).seen_from(camera)
         for v in partners
+        for depth, scale, normal, opacity in [maps[v]]
     ]
     picture = rasterize(type(parts[0]).concatenate(parts), [camera])
     return picture.color[0].numpy(), picture.alpha[0].numpy()

@@ -131,7 +131,7 @@ def timed(preset: str, a: argparse.Namespace) -> tuple[dict[str, Any], list[tupl
     pair, sources, windows, truth = shown(a.size)
     network, trained = network_of(preset, a.weights)
     plain = copy.deepcopy(network)
-    fast = network.to(memory_format=torch.channels_last)
+    fast = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     views = rectified_pair(pair, sources, windows, joints=network.joints)
     clock = Clock()
     precision = "bf16" if faster_in_bf16() else "float32"

@@ -86,7 +86,9 @@ def drawn(results: Results, gaussians: Gaussians, scenes: str) -> dict[str, floa
         picture = quantise(rendering.color[0])
         if scenes == "capture_like":  # these expose differently, which no other camera's picture can know
             picture = np.rint(fitted(picture, truth, mask)[0])
-        psnr.append(measure(picture, truth, mask, PSNR)["box", "psnr"])
+        value = measure(picture, truth, mask, PSNR)["box", "psnr"]
+        assert isinstance(value, float), value
+        psnr.append(value)
         through.append(1 - float(rendering.alpha[0].numpy()[foreground(mask)].mean()))
     return {"box psnr": float(np.mean(psnr)), "through %": 100 * float(np.mean(through))}
 

@@ -39,6 +39,7 @@ def rows(cell: Cell, repeats: int, settings: tuple[str, ...]) -> Iterator[dict[s
             shutil.rmtree(folder / ARCHIVE)
             found.append(run_capture(folder, (held_out, *settings))[1])
         frames, views = cell.scene.frames, cell.scene.rig.cameras
+        assert isinstance(views, int), "a rig that is no list of cameras"
         whole = float(np.median([sum(seconds.values()) for seconds in found]))
         for stage in (s.name for s in STAGES if s.name in found[0]):
             taken = float(np.median([seconds[stage] for seconds in found]))

@@ -18,6 +18,8 @@ from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
+from rich.console import Console
+
 from benchmarks.report import publish
 from posegaussian.dags.simulation.demo import film
 from posegaussian.storage.archive import ledger
@@ -57,7 +59,7 @@ def main() -> None:
 
 def measure(folder: Path, options: argparse.Namespace) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """(rows by stage, figures of the whole run)."""
-    film(folder / "capture", options.size, options.frames, 1)
+    film(folder / "capture", options.size, options.frames, Console(quiet=True))
     archive = ["--archive", str(folder / "archive")]
     given = settings(options.limit, options.partition)
     for command in (

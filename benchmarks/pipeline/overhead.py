@@ -25,8 +25,8 @@ from typing import Any
 
 from distributed import Client
 
+import posegaussian.dags.runtime.executors.child
 import posegaussian.dags.runtime.executors.dask
-import posegaussian.dags.runtime.executors.serial
 import posegaussian.dags.runtime.worker
 from benchmarks.pipeline import synthetic
 from benchmarks.report import publish
@@ -77,7 +77,7 @@ def task(order: WorkOrder, seconds: float, sync: bool) -> Receipt:
     )
     posegaussian.dags.runtime.worker._write = write_nothing
     if not sync:
-        os.fsync = lambda handle: None
+        os.fsync = lambda fd: None
     return REAL(order)
 
 
@@ -101,8 +101,8 @@ def timed(count: int, scheduler: str, seconds: float, sync: bool) -> dict[str, A
             raise SystemExit(f"{event.error}\n{event.details}")
 
     function = partial(task, seconds=seconds, sync=sync)
-    posegaussian.dags.runtime.executors.serial.execute = function  # type: ignore[assignment]
-    posegaussian.dags.runtime.executors.dask.execute_packed = partial(packed, seconds=seconds, sync=sync)  # type: ignore[assignment]
+    posegaussian.dags.runtime.executors.child.execute = function
+    posegaussian.dags.runtime.executors.dask.execute_packed = partial(packed, seconds=seconds, sync=sync)
     with tempfile.TemporaryDirectory() as folder:
         session = synthetic.make(
             Path(folder),

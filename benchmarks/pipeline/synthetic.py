@@ -45,7 +45,10 @@ def capture(frames: int) -> Capture:
     """Two source cameras and one held out, a video each; no file exists."""
     turns = (0.0, 0.8, 0.4)
     motions = np.stack(
-        [rigid([[np.cos(a), 0, -np.sin(a)], [0, 1, 0], [np.sin(a), 0, np.cos(a)]], [0, 0, 3]) for a in turns]
+        [
+            rigid(np.array([[np.cos(a), 0, -np.sin(a)], [0, 1, 0], [np.sin(a), 0, np.cos(a)]]), np.array([0, 0, 3]))
+            for a in turns
+        ]
     )
     names, size = tuple(f"cam{i}" for i in range(3)), (64, 48)
     rig = Rig(

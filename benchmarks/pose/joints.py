@@ -33,13 +33,14 @@ class Spoil:
     """Share of the frames in which they do so in every view."""
 
 
-CLEAN = Spoil("1 px", JointNoise(pixels=1.0, dropouts=0.0, outliers=0.0), hidden_doubtful=False)
+CLEAN = Spoil("1 px", JointNoise(switch="on", pixels=1.0, dropouts=0.0, outliers=0.0), hidden_doubtful=False)
+SPOILT = JointNoise(switch="on", pixels=4.0, dropouts=0.1, outliers=0.02)
 SPOILS = (
     CLEAN,
-    Spoil("4 px, 10 % missing, 2 % elsewhere", JointNoise(pixels=4.0, dropouts=0.1, outliers=0.02)),
+    Spoil("4 px, 10 % missing, 2 % elsewhere", SPOILT),
     Spoil(
         "and hidden ones missing, sides exchanged",
-        JointNoise(pixels=4.0, dropouts=0.1, outliers=0.02),
+        SPOILT,
         hidden_missing=0.9,
         views_exchanged=0.1,
         frames_exchanged=0.05,

@@ -10,7 +10,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from benchmarks.quality.error_places import PLACES, squared_error_by_place
@@ -26,6 +25,7 @@ from posegaussian.stages.simulator.capture_scenes import CAPTURE_LIKE_SEEDS, cap
 from posegaussian.stages.simulator.quality_scenes import REPORTING_SEEDS, benchmark_scene
 from posegaussian.stages.simulator.scene import Scene
 from posegaussian.storage.model.masks import foreground
+from posegaussian.storage.readers.images import read_mask
 
 WEIGHTS = np.array([0.2126, 0.7152, 0.0722])
 """Luminance of RGB (BT.709)."""
@@ -123,6 +123,7 @@ def pictures(results: Results, cell: Cell, filmed: Path | None = None) -> dict[s
             if cell.scenes == "capture_like":
                 color[i, c] = np.rint(fitted(color[i, c], truth[i], mask[i])[0])
             for (region, m), value in measure(color[i, c], truth[i], mask[i], context.settings.metrics).items():
+                assert isinstance(value, float), value
                 found[f"{region} {m}"].append(value)
             inside = foreground(mask[i])
             found["luminance"].append(
@@ -139,7 +140,7 @@ def pictures(results: Results, cell: Cell, filmed: Path | None = None) -> dict[s
 
 def _filmed_masks(folder: Path) -> np.ndarray:
     """[F, h, w] uint8 of one camera."""
-    return np.stack([cv2.imread(str(file), cv2.IMREAD_GRAYSCALE) for file in sorted(folder.iterdir())])
+    return np.stack([read_mask(file) for file in sorted(folder.iterdir())])
 
 
 def _agreement(results: Results, cell: Cell) -> dict[str, float]:

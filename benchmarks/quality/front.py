@@ -104,7 +104,7 @@ def measured(cell: Cell, names: tuple[str, ...]) -> list[dict[str, Any]]:
 def mean(rows: list[dict[str, Any]], names: tuple[str, ...]) -> list[dict[str, Any]]:
     """One row a setting, cheapest first."""
     keys = ("s a frame", "s a sequence", "box psnr", "box ssim")
-    found = [
+    found: list[dict[str, Any]] = [
         {"settings": n, **{k: float(np.mean([r[k] for r in rows if r["settings"] == n])) for k in keys}} for n in names
     ]
     best = pareto([(r["s a frame"], -r["box psnr"]) for r in found])

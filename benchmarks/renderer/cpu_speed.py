@@ -18,6 +18,7 @@ import time
 import tracemalloc
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -162,14 +163,16 @@ class Scene:
 
         for _ in range(repeats):
             lap("project", lambda: backend.project(arrays, task, backend.scratch))
-            lap("bin", lambda: backend.list_tiles(*kept["project"][:2], task, True))
+            records, reaches = kept["project"][:2]
+            lap("bin", partial(backend.list_tiles, records, reaches, task, True))
             bases, starts, entries, owners = kept["bin"]
-            lap("sort", lambda s=starts, e=entries, o=owners: backend.sort_tiles(s, e, o, task, backend.scratch))
-            lists = backend.CpuTileLists(kept["project"][0], bases, starts, *kept["sort"], 0)
-            lap("composite", lambda k=lists: backend.draw(k, task, False))
-            lap("composite, training", lambda k=lists: backend.draw(k, task, True))
-            lap("composite back", lambda k=lists: backend.draw_backward(k, task, kept["composite, training"][2:], *up))
-            lap("project back", lambda k=lists: backend.prepare_backward(arrays, k, task, kept["composite back"]))
+            lap("sort", partial(backend.sort_tiles, starts, entries, owners, task, backend.scratch))
+            order, slots = kept["sort"]
+            lists = backend.CpuTileLists(records, bases, starts, order, slots, 0)
+            lap("composite", partial(backend.draw, lists, task, False))
+            lap("composite, training", partial(backend.draw, lists, task, True))
+            lap("composite back", partial(backend.draw_backward, lists, task, kept["composite, training"][2:], *up))
+            lap("project back", partial(backend.prepare_backward, arrays, lists, task, kept["composite back"]))
         return best, pairs(
             lists.records, lists.records.view(np.int32), lists.order, lists.starts, task.cuts, task.across
         )
@@ -187,13 +190,14 @@ def memory(work: Callable[[], Any]) -> float:
 def frames_per_second(scene: Scene, frames: int = 10) -> float:
     """With one frame on each of two cores: kernels let go of the interpreter."""
     with ThreadPoolExecutor(2) as pool:
-        return 2 * frames / timed(lambda: list(pool.map(lambda _: scene.ours(), range(2 * frames))), time.perf_counter)
+        return 2 * frames / timed(lambda: list(pool.map(scene.ours, [1] * (2 * frames))), time.perf_counter)
 
 
 def measure(name: str, repeats: int, floor: float) -> dict[str, Any]:
     """One row."""
     scene = Scene(name)
-    scene.ours(), scene.ours_both()
+    scene.ours()
+    scene.ours_both()
     times: dict[str, list[float]] = {k: [] for k in ("ours", "theirs", "ours_both", "theirs_both", "two", "two_both")}
     for i in range(repeats):
         for k in ("ours", "ours_both"):
