@@ -1,7 +1,7 @@
 """Peak memory of a run against its limit, while the archive is many times larger; projected beside measured, stage by
 stage.
 
-    python -m benchmarks.pipeline.memory [--frames 260] [--size 320] [--limit 768]
+    python -m benchmarks.pipeline.memory [--frames 260] [--size 320] [--limit 3072]
 
 The limit is `run.memory`: what the single worker may take, interpreter and libraries included. The run is one process
 (serial); the driver's own memory is in its peak. The archive is long rather than wide, because it is length that must
@@ -46,7 +46,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=260, help="frames that are filmed")
     parser.add_argument("--size", type=int, default=320, help="side of the pictures, px")
     parser.add_argument("--partition", type=int, default=2, help="frames of a partition")
-    parser.add_argument("--limit", type=float, default=768.0, help="memory of the worker, MiB")
+    parser.add_argument("--limit", type=float, default=3072.0, help="memory of the worker, MiB")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         rows, facts = measure(Path(folder), options)

@@ -76,7 +76,7 @@ class Probe:
     @cached_property
     def backend(self) -> Backend:
         """The workers, which stay until `clean`."""
-        return self.session.backend()
+        return self.session.backend([make_plan(self.context, Selection())])
 
     def start(self) -> None:
         """Start the workers, or reach them. Raises ConfigError where there are none."""

@@ -91,6 +91,7 @@ def plan(
         else:
             told = "all fresh, nothing to do" if p.all_fresh else "nothing to compute"
             console.print(f"{p.context.sequence.name}: {told}", markup=False)
+    say(list(session.fitted(plans)[1]))
     say(session.thrown_away(plans), "yellow")
     failed += session.refusals(plans)
     say(failed, "red")

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -16,10 +16,11 @@ from typing import Any
 
 import psutil
 
+from posegaussian.dags.humanize.text import number
 from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.plan import Plan
 from posegaussian.dags.planning.task_cost import needs_of
-from posegaussian.stages.contract.declaration import Stage
+from posegaussian.stages.contract.declaration import Resources, Stage
 from posegaussian.stages.registry import STAGES
 
 CPU, GPU = "CPU", "GPU"
@@ -113,29 +114,65 @@ def local_pools(run: Any) -> dict[str, Pool]:
     return {CPU: Pool(workers, 0, ram)} | ({GPU: Pool(len(gpus), 1, ram)} if gpus else {})
 
 
+def fitted(run: Any, plans: Iterable[Plan]) -> tuple[Any, tuple[str, ...]]:
+    """`run` settings with as many local workers as what the plans are to make fits into, and a sentence where that is
+    fewer than the cores have room for. Settings that name `workers` or `memory` are left as they are."""
+    workers, gpus = cpu_workers(run), gpu_workers(run)
+    if run.scheduler != "local" or run.workers or run.memory:
+        return run, ()
+    largest = max(_tasks_to_make(plans), key=lambda t: t.needs.ram, default=None)
+    if largest is None:
+        return run, ()
+    memory = machine_memory()
+    fit = max(1, memory // largest.needs.ram - len(gpus))
+    if fit >= workers:
+        return run, ()
+    said = (
+        f"{number(fit, 'CPU worker')}, where the cores have room for {workers}: {largest.who} needs about"
+        f" {_megabytes(largest.needs.ram)} for one task, of {_megabytes(memory)} in all; run.workers chooses otherwise"
+    )
+    return run.model_copy(update={"workers": fit}), (said,)
+
+
 def pool_for(gpu: int, pools: Mapping[str, Pool]) -> str:
     """The pool that serves a task asking for so many GPUs: without any GPU worker, the CPU pool."""
     return GPU if gpu and GPU in pools else CPU
 
 
-def refusals(plans: Iterable[Plan], pools: Mapping[str, Pool]) -> list[str]:
-    """Sentences about work that no worker can do, with what to change."""
-    found: dict[str, None] = {}
+@dataclass(frozen=True)
+class _TaskToMake:
+    """One of the equal tasks that a plan is to make."""
+
+    stage: Stage
+    context: Context
+    path: str | None
+    needs: Resources
+
+    @property
+    def who(self) -> str:
+        """Its name in sentences."""
+        return f"{self.stage.name} of sequence {self.context.sequence.name}"
+
+
+def _tasks_to_make(plans: Iterable[Plan]) -> Iterator[_TaskToMake]:
+    """One task of each stage and path that the plans are to make."""
     for plan in plans:
         todo = {t.stage for t in plan.to_make}
         for stage in STAGES:
             if stage.name in todo:
                 for path in plan.context.paths if "path" in stage.over else [None]:
-                    found |= dict.fromkeys(_refusals(stage, plan.context, path, pools))
-    return list(found)
+                    yield _TaskToMake(stage, plan.context, path, needs_of(plan.context, stage, path))
 
 
-def _refusals(stage: Stage, context: Context, path: str | None, pools: Mapping[str, Pool]) -> list[str]:
-    sequence = context.sequence.name
-    needs = needs_of(context, stage, path)
+def refusals(plans: Iterable[Plan], pools: Mapping[str, Pool]) -> list[str]:
+    """Sentences about work that no worker can do, with what to change."""
+    return list(dict.fromkeys(s for task in _tasks_to_make(plans) for s in _refusals(task, pools)))
+
+
+def _refusals(task: _TaskToMake, pools: Mapping[str, Pool]) -> list[str]:
+    needs, who = task.needs, task.who
     name = pool_for(needs.gpu, pools)
     pool = pools.get(name)
-    who = f"{stage.name} of sequence {sequence}"
     if pool is None:
         return [f"{who} needs a worker without a GPU, and there is none; start one with `dask worker SCHEDULER`"]
     said = []
@@ -146,23 +183,25 @@ def _refusals(stage: Stage, context: Context, path: str | None, pools: Mapping[s
             " CPU workers"
         )
     if pool.ram is not None and needs.ram > pool.ram:
-        stands_in = name == GPU and not visible_gpus()
-        fewer = (
-            "leave run.gpus at auto, for no GPU is seen here"
-            if stands_in
-            else f"use fewer run.workers (now {pool.workers})"
-        )
         said.append(
             f"{who} needs about {_megabytes(needs.ram)} for one task, a {name} worker may use {_megabytes(pool.ram)};"
-            f" {fewer}, raise run.memory, {_shorter(stage, context, path, pool.ram)}or choose a smaller frames.size"
+            f" {_fewer(name, pool)}raise run.memory, {_shorter(task, pool.ram)}or choose a smaller frames.size"
         )
     return said
 
 
-def _shorter(stage: Stage, context: Context, path: str | None, ram: int) -> str:
+def _fewer(name: str, pool: Pool) -> str:
+    """Advice about the workers that share the memory, where there are others."""
+    if name == GPU and not visible_gpus():
+        return "leave run.gpus at auto, for no GPU is seen here, "
+    return f"use fewer run.workers (now {pool.workers}), " if pool.workers > 1 else ""
+
+
+def _shorter(task: _TaskToMake, ram: int) -> str:
     """The partition length at which a task would fit, where there is one."""
+    stage, context = task.stage, task.context
     fits = (
-        [n for n in range(1, context.grid.length) if needs_of(context, stage, path, n).ram <= ram]
+        [n for n in range(1, context.grid.length) if needs_of(context, stage, task.path, n).ram <= ram]
         if "time" in stage.over
         else []
     )

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from posegaussian.dags.config.settings import Configuration, load_configuration
+from posegaussian.dags.config.settings import Configuration, RunSettings, load_configuration
 from posegaussian.dags.diagnostics import held_out, learned_share, tables
 from posegaussian.dags.diagnostics.profile import Spending
 from posegaussian.dags.diagnostics.progress import JsonLines, PlainProgress, TerminalProgress, WarningCollector
@@ -25,7 +25,7 @@ from posegaussian.dags.planning import forecast
 from posegaussian.dags.planning.context import Context, make_context
 from posegaussian.dags.planning.plan import Plan, decided, make_plan
 from posegaussian.dags.planning.receipt_index import Book
-from posegaussian.dags.planning.resources import CPU, local_pools, refusals
+from posegaussian.dags.planning.resources import CPU, fitted, local_pools, refusals
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.tasks import Product
 from posegaussian.dags.provenance.once import one_moment
@@ -132,9 +132,14 @@ class Session:
         """The plan of one sequence; `held` says what must be there afterwards, whatever `keep` says."""
         return make_plan(self.undecided(name, paths), selection, held)
 
-    def backend(self) -> Backend:
-        """Where tasks run, from `run.scheduler`."""
-        run = self.configuration.default.run
+    def fitted(self, plans: Sequence[Plan]) -> tuple[RunSettings, tuple[str, ...]]:
+        """The `run` settings with as many workers as the largest task of the plans leaves room for, and a sentence
+        where these are fewer than the cores ask for."""
+        return fitted(self.configuration.default.run, plans)
+
+    def backend(self, plans: Sequence[Plan] = ()) -> Backend:
+        """Where the tasks of plans run, from `run.scheduler`."""
+        run = self.fitted(plans)[0]
         threads.limit(run.threads)
         if run.scheduler == "serial":
             from posegaussian.dags.runtime.executors.serial import SerialBackend
@@ -151,8 +156,8 @@ class Session:
     def refusals(self, plans: Sequence[Plan]) -> list[str]:
         """Sentences about work that no worker of this machine could do, and about a folder that takes no file, or what
         the disk does not hold; of a scheduler given by address nothing is known before it is asked."""
-        run = self.configuration.default.run
         todo = [p for p in plans if not p.all_fresh]
+        run = self.fitted(todo)[0]
         return [
             *(refusals(plans, local_pools(run)) if run.scheduler in ("serial", "local") else []),
             *(self._shut(todo) or (forecast.refusals(todo, self.archive, self.history) if todo else [])),
@@ -201,7 +206,8 @@ class Session:
         if too_much:
             raise ConfigError("\n".join(too_much))
         collector, spending, keeper = WarningCollector(), Spending(), Keeper(plans)
-        backend = self.backend()
+        self.hint(self.fitted(plans)[1])
+        backend = self.backend(plans)
         impossible = {p.context.sequence.name: found for p in plans if (found := refusals([p], backend.pools))}
         refused = [*refused, *(f"{name}: {'; '.join(found)}" for name, found in impossible.items())]
         plans = [p for p in plans if p.context.sequence.name not in impossible]

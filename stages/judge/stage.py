@@ -33,12 +33,13 @@ def needs(shape: Shape, params: JudgeParams) -> Resources:
     """Pictures, masks, depth and Gaussians of all views of a few reduced frames, by every candidate (48 bytes a pixel
     each), what matching one frame works in or turning cameras with the Gaussians of all of them, one captured picture
     while it is reduced, and who finds people in it."""
-    pixels = params.size**2
+    sides = shape["source_y"], shape["source_x"]
+    pixels = round(sides[0] * sides[1] * min(1.0, params.size / max(sides)) ** 2)
     each = params.frames * shape["view"] * 48 * (len(BY_PICTURES) + 2)
     worked_in = max(
         pixels * (shape["view"] * 88 + 2000), params.frames * optimised_bytes(pixels, shape["view"], RefinementParams())
     )
-    return Resources(cpu=1, ram=pixels * each + worked_in + shape["source_y"] * shape["source_x"] * 60 + 2**28)
+    return Resources(cpu=1, ram=pixels * each + worked_in + sides[0] * sides[1] * 60 + 2**28)
 
 
 def _compared(params: JudgeParams, facts: Facts) -> bool:

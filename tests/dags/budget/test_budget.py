@@ -157,7 +157,7 @@ def test_as_many_workers_are_measured_as_will_have_something_to_do(
         pools = property(lambda _: {CPU: Pool(workers, 0, None)})  # type: ignore[assignment]
 
     session = session_of(filmed)
-    monkeypatch.setattr(Session, "backend", lambda _: Workers())
+    monkeypatch.setattr(Session, "backend", lambda *_: Workers())
     probe = Probe(session.undecided(NAME, ()), session, partitions)
     assert (probe.workers, probe.frames) == (workers, frames), "of the six that there are"
 
