@@ -6,14 +6,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from posegaussian.stages.contract.io import Inputs
+from posegaussian.stages.contract.io import Inputs, read_together
 from posegaussian.stages.refinement.params import RefinementParams, pixels_a_gaussian
 from posegaussian.stages.refinement.schedule import Schedule, schedule
 from posegaussian.stages.refinement.steps.attributes import ViewGaussians
 from posegaussian.stages.refinement.steps.loss import Filmed
 from posegaussian.stages.refinement.thinning import thinned
 from posegaussian.stages.rendering.lift import GaussianMaps
-from posegaussian.stages.rendering.sources import unrefined_arrays
+from posegaussian.stages.rendering.sources import map_bytes, unrefined_arrays
 from posegaussian.stages.silhouettes.hull import Silhouettes
 from posegaussian.stages.silhouettes.places import agreed, lacking
 from posegaussian.stages.splatting.definition.scene import Camera
@@ -34,17 +34,19 @@ class FrameReader:
     def __init__(self, inputs: Inputs, params: RefinementParams) -> None:
         self.inputs, self.every = inputs, pixels_a_gaussian(len(inputs.views.sources), params)
         self.frames: dict[int, dict[int, list[Any]]] = {}
-        """{frame: {view: what is read of it}} of the partition, and of the frame before it that was asked for last."""
+        """{frame: {view: what is read of it}} of what was read last: some of the partition, or a frame before it."""
 
     def maps(self, i: int, view: int) -> GaussianMaps:
         """As they are before refinement."""
         return GaussianMaps(*self._arrays(i, view)[:-1])
 
     def _arrays(self, i: int, view: int) -> list[Any]:
-        """What Gaussians are lifted from, and the mask. The partition is read at once, as it is kept."""
+        """What Gaussians are lifted from, and the mask."""
         if i not in self.frames:
-            own = self.inputs.partition
-            span = own if i in own else range(i, i + 1)
+            own, rig = self.inputs.partition, self.inputs.rig
+            frame_bytes = map_bytes(int(rig.size.prod(axis=1).max()), len(self.inputs.views.sources))
+            span = read_together(own, i, frame_bytes) if i in own else range(i, i + 1)
+            self.frames = {}  # before others take their place
             names = (*unrefined_arrays(self.inputs.facts), "frames/mask")
             read = {v: [self.inputs.read(n, v, span) for n in names] for v in self.inputs.views.sources}
             self.frames = {k: {v: [a[k - span.start] for a in arrays] for v, arrays in read.items()} for k in span}

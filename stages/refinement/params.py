@@ -56,19 +56,24 @@ class RefinementParams(Params):
     )
 
 
+COVERED = 0.6
+"""Share of the pixels of all views that memory is projected for: people who fill their pictures from head to toe cover
+a sixth to a third, heads and busts up to a half."""
+
+
 def pixels_a_gaussian(views: int, params: RefinementParams) -> float:
     """Of how many pixels of each of so many views one keeps its Gaussian."""
     return params.every * max(min(views / VIEWS, 1.0), LEAST)
 
 
 def optimised_bytes(pixels: int, views: int, params: RefinementParams) -> int:
-    """What optimising one frame takes, as if each of the `pixels` of every view had depth.
+    """What optimising one frame takes, whose views have `pixels` each, `COVERED` of them with depth.
 
     Of those that keep one a Gaussian of fourteen numbers, with its gradient, the means of it, of its square and over
     steps, its ray, the lifted copy, and its slots in a picture's gradients; the pictures and their moments; the judge's
     picture of two views.
     """
-    return int(pixels * (views / pixels_a_gaussian(views, params) * 2224 + 760))
+    return int(pixels * (views / pixels_a_gaussian(views, params) * COVERED * 2224 + 760))
 
 
 def halo(params: RefinementParams, facts: Facts) -> tuple[int, int]:

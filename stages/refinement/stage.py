@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from posegaussian.stages.contract.declaration import Read, Resources, Stage, Typical, Unit
 from posegaussian.stages.contract.facts import FEW_SOURCES, REFINING, Facts
+from posegaussian.stages.contract.io import frames_at_once
 from posegaussian.stages.frames.effects import NOISE_AVERAGING
 from posegaussian.stages.network.params import TWISTED, depth_reads
-from posegaussian.stages.refinement.params import FEWEST, RefinementParams, halo, optimised_bytes
-from posegaussian.stages.rendering.sources import COUNTS, REFINEMENT, TWIST
+from posegaussian.stages.refinement.params import COVERED, FEWEST, RefinementParams, halo, optimised_bytes
+from posegaussian.stages.rendering.sources import COUNTS, REFINEMENT, TWIST, map_bytes
 from posegaussian.storage.model.spec import LISTED, ArraySpec, Shape
 
 REHEARSAL = 1.1
@@ -16,12 +17,14 @@ several groups."""
 
 
 def needs(shape: Shape, params: RefinementParams) -> Resources:
-    """Maps of the partition or of a frame before it (28 bytes a pixel and view), as many again to write, and one
-    frame's optimisation, which lies on the device where there is one."""
+    """Maps that are read at once, the lists of the partition as if no frame were refined, so that every pixel with
+    depth is written, and one frame's optimisation, which lies on the device where there is one."""
     pixels = shape["y"] * shape["x"]
-    maps = pixels * shape["view"] * 28 * (2 * shape["frame"] + 1)
+    frame = map_bytes(pixels, shape["view"])
+    maps = frame * min(shape["frame"], frames_at_once(frame))
+    lists = int(COVERED * frame) * shape["frame"]
     optimised = optimised_bytes(pixels, shape["view"], params)
-    return Resources(cpu=1, gpu=1, ram=int(maps) + optimised, vram=optimised + 2**28)
+    return Resources(cpu=1, gpu=1, ram=maps + lists + optimised, vram=optimised + 2**28)
 
 
 def unneeded(params: RefinementParams, facts: Facts) -> str | None:

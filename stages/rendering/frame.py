@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from posegaussian.stages.contract.facts import MASKS
-from posegaussian.stages.contract.io import Inputs
+from posegaussian.stages.contract.io import Inputs, read_together
 from posegaussian.stages.depth.algorithms.pose_prior import limbs_of
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.imaging.part import part_around
@@ -36,6 +36,7 @@ from posegaussian.stages.rendering.sources import (
     angles_at,
     choose,
     faded_in,
+    map_bytes,
     outlines_refined,
     outlines_trusted,
     refined_shares,
@@ -63,7 +64,8 @@ class MapReader:
         """[3] world metres: where the source cameras look."""
         self.shares = refined_shares(inputs)
         """[F] share 0..1 of the refined Gaussians' picture in those of each frame."""
-        self._maps: dict[tuple[int, bool], tuple[np.ndarray, ...]] = {}
+        self._maps: dict[tuple[int, bool], tuple[range, tuple[np.ndarray, ...]]] = {}
+        """{(view, whether refined): (frames of the partition, what was read of them)}."""
         self._counts: dict[int, np.ndarray] = {}
         """{view: [F]} refined Gaussians, of frames whose refined picture is drawn."""
         self._masks: dict[int, np.ndarray] = {}
@@ -71,15 +73,25 @@ class MapReader:
     def maps(self, i: int, view: int, refined: bool = False) -> tuple[GaussianMaps, np.ndarray, np.ndarray]:
         """Maps of the i-th frame of the partition, before or after refinement, and the view's intrinsics [3, 3] and
         pose [4, 4]."""
-        if (view, refined) not in self._maps:
-            names, first = unrefined_arrays(self.inputs.facts), None
-            if refined:
-                self._counts[view] = np.where(self.shares > 0, self.inputs.read(COUNTS, view), 0)
-                names, first = REFINED, int(self._counts[view].max())
-            self._maps[view, refined] = tuple(self.inputs.read(name, view, first=first) for name in names)
-        own, rig = [a[i] for a in self._maps[view, refined]], self.inputs.rig
+        if (view, refined) not in self._maps or i not in self._maps[view, refined][0]:
+            self._maps[view, refined] = self._read(i, view, refined)
+        (span, arrays), rig = self._maps[view, refined], self.inputs.rig
+        own = [a[i - span.start] for a in arrays]
         maps = from_list([a[: self._counts[view][i]] for a in own], rig) if refined else GaussianMaps(*own)
         return maps, rig.intrinsics[view], rig.world_to_camera[view]
+
+    def _read(self, i: int, view: int, refined: bool) -> tuple[range, tuple[np.ndarray, ...]]:
+        """Maps or lists of the i-th frame and of those that are read with it."""
+        inputs, start = self.inputs, self.inputs.partition.start
+        frame_bytes = map_bytes(int(inputs.rig.size.prod(axis=1).max()), len(inputs.views.sources))
+        own = read_together(inputs.partition, start + i, frame_bytes)
+        span = range(own.start - start, own.stop - start)
+        names, first = unrefined_arrays(inputs.facts), None
+        if refined:
+            if view not in self._counts:
+                self._counts[view] = np.where(self.shares > 0, inputs.read(COUNTS, view), 0)
+            names, first = REFINED, int(self._counts[view][span.start : span.stop].max())
+        return span, tuple(inputs.read(name, view, own, first) for name in names)
 
     def masks(self, i: int) -> dict[int, np.ndarray]:
         """Masks [h, w] of the i-th frame by source view that has a picture."""

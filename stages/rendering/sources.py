@@ -52,6 +52,11 @@ def unrefined_arrays(facts: Facts) -> tuple[str, ...]:
     return ("frames/color", depth_array(facts), *OF_GAUSSIANS, *((TWIST,) if TWISTED in facts else ()))
 
 
+def map_bytes(pixels: int, views: int) -> int:
+    """What a frame's maps before refinement and its masks take, of so many views of so many pixels each."""
+    return pixels * views * 28
+
+
 def map_arrays(facts: Facts) -> tuple[str, ...]:
     """The arrays that the Gaussians of a view are lifted from: the refined ones where the refinement stage is on."""
     return REFINED if REFINEMENT in facts else unrefined_arrays(facts)

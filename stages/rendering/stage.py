@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from posegaussian.stages.contract.declaration import Read, Resources, Stage, Typical
 from posegaussian.stages.contract.facts import JOINTS2D, JOINTS3D, Facts
+from posegaussian.stages.contract.io import frames_at_once
 from posegaussian.stages.frames.effects import NOISE_AVERAGING
 from posegaussian.stages.network.params import TWISTED, depth_reads
 from posegaussian.stages.rendering.effects import (
@@ -19,7 +20,7 @@ from posegaussian.stages.rendering.facts import FITTED
 from posegaussian.stages.rendering.params import FIT, GAUSSIANS, RenderingParams
 from posegaussian.stages.rendering.paths import PATHS
 from posegaussian.stages.rendering.pose_blending import PAST
-from posegaussian.stages.rendering.sources import COUNTS, OF_GAUSSIANS, OUTCOME, REFINED, REFINEMENT, TWIST
+from posegaussian.stages.rendering.sources import COUNTS, OF_GAUSSIANS, OUTCOME, REFINED, REFINEMENT, TWIST, map_bytes
 from posegaussian.storage.model.spec import ArraySpec, Shape
 
 OF_MASKS = (SOURCE_DETAIL, SURFACE_CLOSING, SILHOUETTE_CLIPPING, HOLE_FILLING, OUTLINE_EVENING)
@@ -27,8 +28,9 @@ OF_MASKS = (SOURCE_DETAIL, SURFACE_CLOSING, SILHOUETTE_CLIPPING, HOLE_FILLING, O
 
 
 def needs(shape: Shape, params: RenderingParams) -> Resources:
-    """The maps of a partition, its lists of refined Gaussians and the lifted ones of one frame, of all source views;
-    one picture's Gaussians; the pictures; the source pictures that detail is looked up in, and the look."""
+    """The maps and lists of refined Gaussians that are read at once, and of one view those before them, the masks of
+    the partition and the lifted Gaussians of one frame, of all source views; one picture's Gaussians; the pictures; the
+    source pictures that detail is looked up in, and the look."""
     pixels = shape["y"] * shape["x"]
     wide = 8 if params.precision == "float64" else 4
     # A refined frame draws at most one of four pixels of all views, and of fewer than eight as many as those have.
@@ -38,9 +40,13 @@ def needs(shape: Shape, params: RenderingParams) -> Resources:
         + shape["camera_y"] * shape["camera_x"] * 20 * wide
     )
     detail = pixels * shape["view"] * 20 + shape["camera_y"] * shape["camera_x"] * 200
-    # 21 bytes a pixel before refinement, 25 where there is a twist; of the refined 31 a Gaussian and 4 for its place.
-    maps_and_output = shape["frame"] * (
-        pixels * shape["view"] * (25 + 35 / 4) + shape["camera"] * shape["camera_y"] * shape["camera_x"] * 4
+    # Of the refined 31 bytes a Gaussian and 4 for its place, of a quarter of the pixels at most.
+    frame = map_bytes(pixels, shape["view"])
+    at_once = min(shape["frame"], frames_at_once(frame))
+    maps_and_output = (
+        at_once * (frame + pixels * shape["view"] * 35 / 4) * (1 + 1 / shape["view"])
+        + shape["frame"] * pixels * shape["view"]
+        + shape["frame"] * shape["camera"] * shape["camera_y"] * shape["camera_x"] * 4
     )
     return Resources(
         cpu=1,

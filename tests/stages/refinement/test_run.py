@@ -9,6 +9,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from posegaussian.stages.contract import io
 from posegaussian.stages.contract.io import Block
 from posegaussian.stages.gaussians.params import GaussiansParams
 from posegaussian.stages.refinement import rehearsal
@@ -132,6 +133,28 @@ def test_the_judges_view_is_trained_on_in_the_end_but_has_no_say_in_the_rehearsa
     np.testing.assert_array_equal(again[OUTCOME], out[OUTCOME])
     view = next(v for v in person.views.sources if v != judge)
     assert not np.array_equal(again["refinement/depth"][0, view], out["refinement/depth"][0, view])
+
+
+@pytest.mark.parametrize("frames", [1, 3])
+def test_how_many_frames_are_read_at_once_changes_nothing(
+    person: PersonCapture, spoilt: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch, frames: int
+) -> None:
+    whole = refine(person, spoilt, 2, group=2)
+    pixels_of_all = int(person.rig.size[0].prod()) * len(person.views.sources)
+    monkeypatch.setattr(io, "AT_ONCE", frames * 28 * pixels_of_all)
+    read: list[int] = []
+    plain = MemoryInputs.read
+
+    def noted(self: MemoryInputs, array: str, *where: object, **more: object) -> np.ndarray:
+        out = plain(self, array, *where, **more)  # type: ignore[arg-type]
+        read.extend([len(out)] if array == "gaussians/scale" else [])
+        return out
+
+    monkeypatch.setattr(MemoryInputs, "read", noted)
+    parts = refine(person, spoilt, 2, group=2)
+    assert max(read) == frames
+    for name, array in whole.items():
+        np.testing.assert_array_equal(parts[name], array, name)
 
 
 def test_few_steps_are_the_beginning_of_many(person: PersonCapture, spoilt: dict[str, np.ndarray]) -> None:

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from posegaussian.stages.camera_paths.paths import make_path
+from posegaussian.stages.contract import io
 from posegaussian.stages.contract.facts import MASKS, Facts
 from posegaussian.stages.gaussians.params import GaussiansParams
 from posegaussian.stages.registry import stage
@@ -64,6 +65,17 @@ def render(person: PersonCapture, arrays: dict[str, np.ndarray], *facts: str) ->
         effects=frozenset(),
     )
     return {name: made[name].astype(float) for name in (COLOR, ALPHA)}
+
+
+def test_how_many_frames_are_read_at_once_changes_nothing(
+    person: PersonCapture, arrays: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    different = {**arrays, "frames/color": arrays["frames/color"].copy()}
+    different["frames/color"][1] //= 3
+    whole = render(person, different, REFINEMENT)
+    monkeypatch.setattr(io, "AT_ONCE", 1)
+    for name, array in render(person, different, REFINEMENT).items():
+        np.testing.assert_array_equal(array, whole[name])
 
 
 def test_the_share_goes_from_one_picture_to_the_other(person: PersonCapture, arrays: dict[str, np.ndarray]) -> None:
