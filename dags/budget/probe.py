@@ -76,7 +76,8 @@ class Probe:
     @cached_property
     def backend(self) -> Backend:
         """The workers, which stay until `clean`."""
-        return self.session.backend([make_plan(self.context, Selection())])
+        everything = Selection(force=frozenset(s.name for s in STAGES))
+        return self.session.backend([make_plan(self.context, everything)])
 
     def start(self) -> None:
         """Start the workers, or reach them. Raises ConfigError where there are none."""

@@ -31,6 +31,9 @@ MOST_SHARING, CORES_EACH, MEMORY_EACH = 4, 4, 8 * 2**10
 idle for most of a frame, while its core reads, lifts and writes. Tasks of eight views of 1024 px declare up to 4 GiB of
 it, of 2048 px up to 15: there fewer should share a smaller device, by `run.gpus`."""
 
+MOST_OF = 0.9
+"""Share of the machine's memory that one worker may use, above which there is no more to give."""
+
 CGROUP_LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
 """Where a container's memory limit is told."""
 
@@ -115,23 +118,37 @@ def local_pools(run: Any) -> dict[str, Pool]:
 
 
 def fitted(run: Any, plans: Iterable[Plan]) -> tuple[Any, tuple[str, ...]]:
-    """`run` settings with as many local workers as what the plans are to make fits into, and a sentence where that is
-    fewer than the cores have room for. Settings that name `workers` or `memory` are left as they are."""
-    workers, gpus = cpu_workers(run), gpu_workers(run)
-    if run.scheduler != "local" or run.workers or run.memory:
+    """`run` settings with as many local workers as what the plans are to make leaves memory for, and a sentence where
+    that is fewer than there would be else. Of tasks that are larger than the machine, which are refused, none counts.
+    A number of workers that the settings name stays, and so does `memory`, of which the machine must have as much for
+    each worker."""
+    if run.scheduler != "local" or (run.workers and run.gpus != "auto"):
         return run, ()
-    largest = max(_tasks_to_make(plans), key=lambda t: t.needs.ram, default=None)
-    if largest is None:
-        return run, ()
-    memory = machine_memory()
-    fit = max(1, memory // largest.needs.ram - len(gpus))
-    if fit >= workers:
+    memory, workers, gpus = machine_memory(), cpu_workers(run), len(gpu_workers(run))
+    if run.memory:
+        largest, need, who = None, int(run.memory * 2**20), "run.memory gives each"
+    else:
+        possible = (t for t in _tasks_to_make(plans) if t.needs.ram <= memory // (2 if gpus else 1))
+        largest = max(possible, key=lambda t: t.needs.ram, default=None)
+        if largest is None:
+            return run, ()
+        need, who = largest.needs.ram, f"{largest.who} needs for one task about"
+    room = max(1, memory // need)
+    fewer = {"gpus": min(gpus, max(1, room - (run.workers or 1)))} if gpus and run.gpus == "auto" else {}
+    left = room - fewer.get("gpus", gpus)
+    fewer |= {} if run.workers else {"workers": max(1, min(workers, left))}
+    found = run.model_copy(update=fewer)
+    if (cpu_workers(found), len(gpu_workers(found))) == (workers, gpus):
         return run, ()
     said = (
-        f"{number(fit, 'CPU worker')}, where the cores have room for {workers}: {largest.who} needs about"
-        f" {_megabytes(largest.needs.ram)} for one task, of {_megabytes(memory)} in all; run.workers chooses otherwise"
+        f"{_counted(cpu_workers(found), len(gpu_workers(found)))} in place of {_counted(workers, gpus)}: {who}"
+        f" {_megabytes(need)}, and this machine has {_megabytes(memory)}"
     )
-    return run.model_copy(update={"workers": fit}), (said,)
+    return found, (said,)
+
+
+def _counted(workers: int, gpus: int) -> str:
+    return number(workers, "CPU worker") + (f" and {number(gpus, 'GPU worker')}" if gpus else "")
 
 
 def pool_for(gpu: int, pools: Mapping[str, Pool]) -> str:
@@ -183,34 +200,36 @@ def _refusals(task: _TaskToMake, pools: Mapping[str, Pool]) -> list[str]:
             " CPU workers"
         )
     if pool.ram is not None and needs.ram > pool.ram:
+        *advice, last = [*_more(name, pools), *_shorter(task, pool.ram), "choose a smaller frames.size"]
         said.append(
             f"{who} needs about {_megabytes(needs.ram)} for one task, a {name} worker may use {_megabytes(pool.ram)};"
-            f" {_fewer(name, pool)}raise run.memory, {_shorter(task, pool.ram)}or choose a smaller frames.size"
+            f" {', '.join([*advice, f'or {last}'] if advice else [last])}"
         )
     return said
 
 
-def _fewer(name: str, pool: Pool) -> str:
-    """Advice about the workers that share the memory, where there are others."""
+def _more(name: str, pools: Mapping[str, Pool]) -> Iterator[str]:
+    """Advice about the memory of a worker: whom it is shared with, and how little of the machine's it may use."""
     if name == GPU and not visible_gpus():
-        return "leave run.gpus at auto, for no GPU is seen here, "
-    return f"use fewer run.workers (now {pool.workers}), " if pool.workers > 1 else ""
+        yield "leave run.gpus at auto, for no GPU is seen here"
+    shared = [(f"run.{k}", pools[p].workers) for k, p in (("workers", CPU), ("gpus", GPU)) if p in pools]
+    fewer = " or ".join(f"{key} (now {count})" for key, count in shared if count > 1)
+    if fewer and (name == CPU or visible_gpus()):
+        yield f"use fewer {fewer}"
+    if (pools[name].ram or 0) < MOST_OF * machine_memory():
+        yield "raise run.memory"
 
 
-def _shorter(task: _TaskToMake, ram: int) -> str:
+def _shorter(task: _TaskToMake, ram: int) -> Iterator[str]:
     """The partition length at which a task would fit, where there is one."""
     stage, context = task.stage, task.context
-    fits = (
-        [n for n in range(1, context.grid.length) if needs_of(context, stage, task.path, n).ram <= ram]
-        if "time" in stage.over
-        else []
-    )
-    return (
-        f"cut the sequence into partitions of {fits[-1]} frames (`posegaussian reshard {context.sequence.name} --frames"
-        f" {fits[-1]}`), "
-        if fits
-        else ""
-    )
+    lengths = range(1, context.grid.length) if "time" in stage.over else range(0)
+    fits = [n for n in lengths if needs_of(context, stage, task.path, n).ram <= ram]
+    if fits:
+        yield (
+            f"cut the sequence into partitions of {fits[-1]} frames (`posegaussian reshard {context.sequence.name}"
+            f" --frames {fits[-1]}`)"
+        )
 
 
 def _megabytes(size: int) -> str:

@@ -42,24 +42,6 @@ class Views:
     """Indices of the views that only metrics may look at."""
 
 
-AT_ONCE = 2**29
-"""Bytes of all source views' maps that a kernel reads at once: those of eight frames of eight views of 512 px, and of
-one of 1080p."""
-
-
-def read_together(partition: range, i: int, frame_bytes: int) -> range:
-    """The frames of a partition that are read at once with its frame i, of so many bytes each: neighbours in blocks
-    that begin where the partition does, at least one."""
-    count = frames_at_once(frame_bytes)
-    first = partition.start + (i - partition.start) // count * count
-    return range(first, min(first + count, partition.stop))
-
-
-def frames_at_once(frame_bytes: int) -> int:
-    """How many frames of so many bytes are read at once."""
-    return max(1, AT_ONCE // max(frame_bytes, 1))
-
-
 class PictureReader(Protocol):
     """Pictures as captured: no crop, no undistortion, one size a view."""
 

@@ -34,7 +34,7 @@ def needs(shape: Shape, params: JudgeParams) -> Resources:
     each), what matching one frame works in or turning cameras with the Gaussians of all of them, one captured picture
     while it is reduced, and who finds people in it."""
     sides = shape["source_y"], shape["source_x"]
-    pixels = round(sides[0] * sides[1] * min(1.0, params.size / max(sides)) ** 2)
+    pixels = min(params.size, max(*sides, shape["y"], shape["x"])) ** 2
     each = params.frames * shape["view"] * 48 * (len(BY_PICTURES) + 2)
     worked_in = max(
         pixels * (shape["view"] * 88 + 2000), params.frames * optimised_bytes(pixels, shape["view"], RefinementParams())

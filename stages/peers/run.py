@@ -61,11 +61,17 @@ def _prepared(inputs: TimedInputs, i: int, params: RenderingParams) -> tuple[Dra
     photos = _photos(inputs, i)
     if params.method == IBR:
         views = [v for v in inputs.views.sources if inputs.valid[i, v]]
-        silhouettes = around(agreed(inputs.rig, {v: inputs.read("frames/mask", v)[i] for v in views}), photos)
+        masks = {v: inputs.read("frames/mask", v, _at(inputs, i))[0] for v in views}
+        silhouettes = around(agreed(inputs.rig, masks), photos)
         return (lambda camera: blended(camera, silhouettes, photos)) if photos else None, 0
     with inputs.timed(OPTIMISING):
         gaussians = fitted(photos, params.fit_steps)
     return (None, 0) if gaussians is None else (lambda camera: drawn(gaussians, camera), len(gaussians))
+
+
+def _at(inputs: TimedInputs, i: int) -> range:
+    """The i-th frame of the partition, as arrays are read by."""
+    return inputs.partition[i : i + 1]
 
 
 def _photos(inputs: TimedInputs, i: int) -> list[Photo]:
@@ -74,6 +80,6 @@ def _photos(inputs: TimedInputs, i: int) -> list[Photo]:
     for v in (v for v in inputs.views.sources if inputs.valid[i, v]):
         w, h = (int(n) for n in rig.size[v])
         arrays = ("frames/color", "frames/mask", depth_array(inputs.facts))
-        picture, mask, depth = (inputs.read(a, v)[i][:h, :w] for a in arrays)
+        picture, mask, depth = (inputs.read(a, v, _at(inputs, i))[0][:h, :w] for a in arrays)
         found.append(Photo(Camera(rig.intrinsics[v], rig.world_to_camera[v], w, h), picture, mask, depth))
     return found

@@ -6,7 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from posegaussian.stages.contract.io import Inputs, read_together
+from posegaussian.stages.contract.io import Inputs
+from posegaussian.stages.contract.reading import read_together
 from posegaussian.stages.refinement.params import RefinementParams, pixels_a_gaussian
 from posegaussian.stages.refinement.schedule import Schedule, schedule
 from posegaussian.stages.refinement.steps.attributes import ViewGaussians
@@ -44,9 +45,9 @@ class FrameReader:
         """What Gaussians are lifted from, and the mask."""
         if i not in self.frames:
             own, rig = self.inputs.partition, self.inputs.rig
-            frame_bytes = map_bytes(int(rig.size.prod(axis=1).max()), len(self.inputs.views.sources))
+            frame_bytes = map_bytes(int(rig.size.max(axis=0).prod()), len(self.inputs.views.sources))
             span = read_together(own, i, frame_bytes) if i in own else range(i, i + 1)
-            self.frames = {}  # before others take their place
+            self.frames = {}  # what is read next takes their place
             names = (*unrefined_arrays(self.inputs.facts), "frames/mask")
             read = {v: [self.inputs.read(n, v, span) for n in names] for v in self.inputs.views.sources}
             self.frames = {k: {v: [a[k - span.start] for a in arrays] for v, arrays in read.items()} for k in span}

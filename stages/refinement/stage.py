@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from posegaussian.stages.contract.declaration import Read, Resources, Stage, Typical, Unit
 from posegaussian.stages.contract.facts import FEW_SOURCES, REFINING, Facts
-from posegaussian.stages.contract.io import frames_at_once
+from posegaussian.stages.contract.reading import bytes_together
 from posegaussian.stages.frames.effects import NOISE_AVERAGING
 from posegaussian.stages.network.params import TWISTED, depth_reads
 from posegaussian.stages.refinement.params import COVERED, FEWEST, RefinementParams, halo, optimised_bytes
@@ -21,7 +21,7 @@ def needs(shape: Shape, params: RefinementParams) -> Resources:
     depth is written, and one frame's optimisation, which lies on the device where there is one."""
     pixels = shape["y"] * shape["x"]
     frame = map_bytes(pixels, shape["view"])
-    maps = frame * min(shape["frame"], frames_at_once(frame))
+    maps = bytes_together(shape["frame"], frame)
     lists = int(COVERED * frame) * shape["frame"]
     optimised = optimised_bytes(pixels, shape["view"], params)
     return Resources(cpu=1, gpu=1, ram=maps + lists + optimised, vram=optimised + 2**28)

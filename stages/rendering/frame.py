@@ -9,7 +9,8 @@ import numpy as np
 import torch
 
 from posegaussian.stages.contract.facts import MASKS
-from posegaussian.stages.contract.io import Inputs, read_together
+from posegaussian.stages.contract.io import Inputs
+from posegaussian.stages.contract.reading import read_together
 from posegaussian.stages.depth.algorithms.pose_prior import limbs_of
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.imaging.part import part_around
@@ -56,7 +57,7 @@ DTYPES = {"float32": torch.float32, "float64": torch.float64}
 
 
 class MapReader:
-    """Reads a view's arrays of the whole partition when a picture first asks for them."""
+    """Reads a view's arrays when a picture first asks for them, of large pictures some frames at a time."""
 
     def __init__(self, inputs: Inputs) -> None:
         self.inputs = inputs
@@ -83,7 +84,7 @@ class MapReader:
     def _read(self, i: int, view: int, refined: bool) -> tuple[range, tuple[np.ndarray, ...]]:
         """Maps or lists of the i-th frame and of those that are read with it."""
         inputs, start = self.inputs, self.inputs.partition.start
-        frame_bytes = map_bytes(int(inputs.rig.size.prod(axis=1).max()), len(inputs.views.sources))
+        frame_bytes = map_bytes(int(inputs.rig.size.max(axis=0).prod()), len(inputs.views.sources))
         own = read_together(inputs.partition, start + i, frame_bytes)
         span = range(own.start - start, own.stop - start)
         names, first = unrefined_arrays(inputs.facts), None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from posegaussian.stages.contract.declaration import Read, Resources, Stage, Typical
 from posegaussian.stages.contract.facts import JOINTS2D, JOINTS3D, Facts
-from posegaussian.stages.contract.io import frames_at_once
+from posegaussian.stages.contract.reading import bytes_together
 from posegaussian.stages.frames.effects import NOISE_AVERAGING
 from posegaussian.stages.network.params import TWISTED, depth_reads
 from posegaussian.stages.rendering.effects import (
@@ -41,10 +41,9 @@ def needs(shape: Shape, params: RenderingParams) -> Resources:
     )
     detail = pixels * shape["view"] * 20 + shape["camera_y"] * shape["camera_x"] * 200
     # Of the refined 31 bytes a Gaussian and 4 for its place, of a quarter of the pixels at most.
-    frame = map_bytes(pixels, shape["view"])
-    at_once = min(shape["frame"], frames_at_once(frame))
+    read = bytes_together(shape["frame"], map_bytes(pixels, shape["view"])) * (1 + 35 / 4 / 28)
     maps_and_output = (
-        at_once * (frame + pixels * shape["view"] * 35 / 4) * (1 + 1 / shape["view"])
+        read * (1 + 1 / shape["view"])
         + shape["frame"] * pixels * shape["view"]
         + shape["frame"] * shape["camera"] * shape["camera_y"] * shape["camera_x"] * 4
     )

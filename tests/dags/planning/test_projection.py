@@ -15,10 +15,10 @@ import pytest
 from rich.console import Console
 
 from posegaussian.dags.diagnostics.tables import projection_table
-from posegaussian.dags.planning import forecast, resources
+from posegaussian.dags.planning import forecast
 from posegaussian.dags.planning.forecast import History, project
 from posegaussian.dags.planning.plan import State
-from posegaussian.dags.planning.resources import cpu_workers, fitted, local_pools, refusals
+from posegaussian.dags.planning.resources import local_pools, refusals
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.task_cost import RESERVED, load, needs_of, work
 from posegaussian.dags.planning.tasks import Task, tasks
@@ -224,42 +224,15 @@ def test_a_task_too_large_for_a_worker_is_refused_with_what_to_change(archive: P
         little.session.run_and_report([little.plan()], Selection())
 
 
-@pytest.mark.parametrize("share", [0.9, 1.0, 2.6, 100.0])
-def test_where_memory_is_short_there_are_fewer_workers_than_cores(
-    archive: Pipeline, monkeypatch: pytest.MonkeyPatch, share: float
-) -> None:
-    """As many as the largest task fits into, and one at least; so nothing is refused that one worker could do."""
-    monkeypatch.setattr(resources, "visible_gpus", list)
-    monkeypatch.setattr(resources.os, "cpu_count", lambda: 16)
-    local = archive.with_settings("gaussians.footprint=0.6", "run.scheduler=local")
-    plan, run = local.plan(), local.configuration.default.run
-    tasks_to_make = {(t.stage, t.path) for t in plan.to_make}
-    need = max(needs_of(plan.context, stage_named(s), p).ram for s, p in tasks_to_make)
-    memory = int(need * share)
-    monkeypatch.setattr(resources, "machine_memory", lambda: memory)
-    found, said = fitted(run, [plan])
-    expected = min(16, max(1, int(share)))
-    assert cpu_workers(found) == expected
-    assert len(said) == (expected < 16)
-    pools = local_pools(found)
-    assert bool(refusals([plan], pools)) == (memory < need)
-    assert bool(local.session.refusals([plan])) == (memory < need)
-    told = " ".join(refusals([plan], pools))
-    assert "fewer run.workers" not in told, "there is one already"
-    for chosen in ({"workers": 16}, {"memory": 100.0}, {"scheduler": "serial"}):
-        kept = run.model_copy(update=chosen)
-        assert fitted(kept, [plan]) == (kept, ()), "what is chosen stays"
-    assert fitted(run, []) == (run, ())
-
-
 def test_the_judge_needs_less_of_smaller_pictures_and_no_more_of_larger_ones_but_to_read_one() -> None:
     """It draws pictures of `judge.size` at most."""
     judge = stage_named("judge")
     params = judge.params()
-    shape = {"view": 8, "source_x": params.size, "source_y": params.size}
-    own = judge.needs(shape, params).ram
-    quarter = judge.needs(shape | {"source_x": params.size // 2, "source_y": params.size // 2}, params).ram
-    large = judge.needs(shape | {"source_x": 4 * params.size, "source_y": 4 * params.size}, params).ram
+
+    def ram(side: int) -> int:
+        return judge.needs({"view": 8} | dict.fromkeys(("x", "y", "source_x", "source_y"), side), params).ram
+
+    own, quarter, large = (ram(side) for side in (params.size, params.size // 2, 4 * params.size))
     assert quarter - 2**28 == pytest.approx((own - 2**28) / 4, rel=1e-6)
     assert large - own == pytest.approx(15 * params.size**2 * 60, rel=1e-6)
 

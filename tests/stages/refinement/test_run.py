@@ -9,7 +9,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from posegaussian.stages.contract import io
+from posegaussian.stages.contract import reading
 from posegaussian.stages.contract.io import Block
 from posegaussian.stages.gaussians.params import GaussiansParams
 from posegaussian.stages.refinement import rehearsal
@@ -141,7 +141,7 @@ def test_how_many_frames_are_read_at_once_changes_nothing(
 ) -> None:
     whole = refine(person, spoilt, 2, group=2)
     pixels_of_all = int(person.rig.size[0].prod()) * len(person.views.sources)
-    monkeypatch.setattr(io, "AT_ONCE", frames * 28 * pixels_of_all)
+    monkeypatch.setattr(reading, "AT_ONCE", frames * 28 * pixels_of_all)
     read: list[int] = []
     plain = MemoryInputs.read
 
@@ -151,7 +151,7 @@ def test_how_many_frames_are_read_at_once_changes_nothing(
         return out
 
     monkeypatch.setattr(MemoryInputs, "read", noted)
-    parts = refine(person, spoilt, 2, group=2)
+    parts = refine(person, spoilt, 2, group=2, length=3)
     assert max(read) == frames
     for name, array in whole.items():
         np.testing.assert_array_equal(parts[name], array, name)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from posegaussian.stages.camera_paths.paths import make_path
-from posegaussian.stages.contract import io
+from posegaussian.stages.contract import reading
 from posegaussian.stages.contract.facts import MASKS, Facts
 from posegaussian.stages.gaussians.params import GaussiansParams
 from posegaussian.stages.registry import stage
@@ -70,10 +70,15 @@ def render(person: PersonCapture, arrays: dict[str, np.ndarray], *facts: str) ->
 def test_how_many_frames_are_read_at_once_changes_nothing(
     person: PersonCapture, arrays: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    different = {**arrays, "frames/color": arrays["frames/color"].copy()}
-    different["frames/color"][1] //= 3
+    """Of frames that differ, before and after refinement."""
+    names = ("frames/color", "refinement/color")
+    different = {**arrays, **{name: arrays[name].copy() for name in names}, OUTCOME: arrays[OUTCOME].copy()}
+    for frame, part in ((1, 3), (2, 2)):
+        for name in names:
+            different[name][frame] //= part
+    different[OUTCOME][:, -1] = 0.5
     whole = render(person, different, REFINEMENT)
-    monkeypatch.setattr(io, "AT_ONCE", 1)
+    monkeypatch.setattr(reading, "AT_ONCE", 1)
     for name, array in render(person, different, REFINEMENT).items():
         np.testing.assert_array_equal(array, whole[name])
 

@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from posegaussian.stages.camera_paths.paths import make_path
+from posegaussian.stages.contract import reading
 from posegaussian.stages.contract.io import Block
 from posegaussian.stages.gaussians.params import GaussiansParams
 from posegaussian.stages.metrics.measures.psnr import psnr
@@ -78,7 +79,12 @@ def test_held_out_views_with_true_depth(person: PersonCapture, arrays: dict[str,
     assert (out[COLOR].max(axis=-1) <= out[ALPHA].astype(int) + 1).all()  # premultiplied
 
 
-def test_partitions_change_nothing(person: PersonCapture, arrays: dict[str, np.ndarray]) -> None:
+@pytest.mark.parametrize("at_once", [1, reading.AT_ONCE])
+def test_partitions_change_nothing(
+    person: PersonCapture, arrays: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch, at_once: int
+) -> None:
+    """However many frames are read at once."""
+    monkeypatch.setattr(reading, "AT_ONCE", at_once)
     path = make_path("orbit", person.rig, person.views, np.arange(3))
     whole = render(person, arrays, path)
     for length in (1, 2):
