@@ -200,7 +200,7 @@ def _refusals(task: _TaskToMake, pools: Mapping[str, Pool]) -> list[str]:
             " CPU workers"
         )
     if pool.ram is not None and needs.ram > pool.ram:
-        *advice, last = [*_more(name, pools), *_shorter(task, pool.ram), "choose a smaller frames.size"]
+        *advice, last = [*_more(name, pools), *_shorter(task, pool.ram), f"choose a smaller {task.stage.sized_by}"]
         said.append(
             f"{who} needs about {_megabytes(needs.ram)} for one task, a {name} worker may use {_megabytes(pool.ram)};"
             f" {', '.join([*advice, f'or {last}'] if advice else [last])}"

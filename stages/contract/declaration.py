@@ -339,6 +339,8 @@ class Stage:
     """Resources of one task, from the shape of one partition (`frame` is the partition's length) and the params."""
     typical: Typical
     """What its tasks took elsewhere."""
+    sized_by: str = "frames.size"
+    """The setting by which a task needs less memory."""
     unit: Unit = Unit()
     """What its work is counted in."""
     check: str | None = None

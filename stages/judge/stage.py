@@ -170,6 +170,7 @@ STAGE = Stage(
     over=("sequence",),
     params=JudgeParams,
     needs=needs,
+    sized_by="judge.size",
     typical=Typical(seconds=1.2e-7, ratio=0.9),
     unit=Unit(worked=0, captured=1),
     unneeded=unneeded,

@@ -128,3 +128,14 @@ def test_a_run_starts_as_many_workers_as_fit(archive: Pipeline, monkeypatch: pyt
     session.run([plan], Selection())
     Probe(session.undecided(NAME, ()), session, 1).start()
     assert [s.workers for s in started] == [3, 3, 3]
+
+
+def test_the_setting_that_makes_a_task_smaller_is_named_and_does(archive: Pipeline) -> None:
+    """Of every stage that pictures are drawn by, the judge's own beside those of the others."""
+    for stage in (stage_named(name) for name in ("judge", "depth", "refinement", "rendering")):
+        owner, _, key = stage.sized_by.partition(".")
+        assert key == "size"
+        assert owner == ("judge" if stage.name == "judge" else "frames")
+    context = archive.context()
+    small = archive.with_settings("judge.size=32").context()
+    assert needs_of(small, stage_named("judge")).ram < needs_of(context, stage_named("judge")).ram
