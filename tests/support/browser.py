@@ -180,4 +180,6 @@ def sized(browser: Browser, width: int, height: int) -> None:
 def decoded(address: str) -> np.ndarray:
     """[h, w, 3] uint8 sRGB of a picture as a data address."""
     data = np.frombuffer(base64.b64decode(address.partition(",")[2]), np.uint8)
-    return np.ascontiguousarray(cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1])
+    picture = cv2.imdecode(data, cv2.IMREAD_COLOR)
+    assert picture is not None
+    return np.ascontiguousarray(picture[..., ::-1])

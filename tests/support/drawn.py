@@ -34,7 +34,7 @@ def drawn(results: Results, frame: int, camera: Camera, refined: bool = False) -
     usable = np.isin(np.arange(len(context.rig)), context.views.sources) & context.valid[frame]
     angles = angles_at(subject, context.rig.centres, camera.centre)
     chosen = (
-        [(v, 1.0) for v in np.flatnonzero(usable)]
+        [(int(v), 1.0) for v in np.flatnonzero(usable)]
         if refined
         else choose(angles, usable, context.settings.rendering.sources)
     )

@@ -183,7 +183,7 @@ def content(pipeline: Pipeline, but: tuple[str, ...] = ()) -> dict[str, bytes | 
         table = "metrics/" + file.parent.name
         if table.startswith(but or ("\0",)):
             continue
-        found[table] = [*found.get(table, []), *pq.read_table(file).to_pylist()]  # type: ignore[misc]
+        found[table] = [*found.get(table, []), *pq.read_table(file).to_pylist()]
     return found
 
 
