@@ -92,7 +92,7 @@ class RunSettings(Params):
     workers: int | None = setting(
         None,
         "Worker processes of the local scheduler; null: one for every `threads` cores, less GPU workers that share a"
-        " device.",
+        " device, and no more than there is memory for.",
         ge=1,
         le=1024,
     )

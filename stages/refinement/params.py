@@ -57,8 +57,8 @@ class RefinementParams(Params):
 
 
 COVERED = 0.6
-"""Share of the pixels of all views that memory is projected for: people who fill their pictures from head to toe cover
-a sixth to a third, heads and busts up to a half."""
+"""Share of the pixels of all views that memory is projected for, nearly twice what the masks of `bust` cover: 0.32 of
+its pictures on the mean, 0.42 of one at most."""
 
 
 def pixels_a_gaussian(views: int, params: RefinementParams) -> float:
