@@ -17,7 +17,6 @@ from itertools import islice
 from pathlib import Path
 
 from posegaussian.dags.provenance.code_digest import (
-    PACKAGE,
     ROOT,
     STARTED,
     check_started,
@@ -26,6 +25,7 @@ from posegaussian.dags.provenance.code_digest import (
     module_file,
     read_started,
 )
+from posegaussian.dags.provenance.syntax import PACKAGE
 from posegaussian.storage.model.errors import OtherCode
 from posegaussian.storage.model.spec import digest
 

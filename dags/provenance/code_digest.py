@@ -7,7 +7,6 @@ it.
 
 from __future__ import annotations
 
-import ast
 import hashlib
 import os
 import socket
@@ -16,13 +15,11 @@ from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
 
+from posegaussian.dags.provenance.syntax import PACKAGE, Syntax, remembered, syntax_of
 from posegaussian.storage.model.errors import OtherCode
 
 ROOT = Path(__file__).resolve().parents[2]
 """Folder that holds dags, stages and storage: the repository, or the installed package."""
-
-PACKAGE = "posegaussian"
-"""What they are imported from."""
 
 FOLDERS = ("stages", "storage")
 """Folders whose modules count."""
@@ -77,43 +74,11 @@ def _candidates(module: str, root: Path) -> tuple[str, ...]:
     return f"{base}.py", os.path.join(base, "__init__.py")
 
 
-def _blocks(tree: ast.AST) -> Iterator[list[ast.stmt]]:
-    """Every list of statements of a module, outermost first; expressions hold none and are not looked into."""
-    todo = [tree]
-    while todo:
-        node = todo.pop()
-        for field in ("body", "orelse", "finalbody", "handlers", "cases"):
-            inner = getattr(node, field, None)
-            if isinstance(inner, list):
-                if field not in ("handlers", "cases"):
-                    yield inner
-                todo += inner
-
-
-def _is_text(statement: ast.stmt) -> bool:
-    """Whether a statement is a string that stands for itself: a docstring."""
-    return (
-        isinstance(statement, ast.Expr)
-        and isinstance(statement.value, ast.Constant)
-        and isinstance(statement.value.value, str)
-    )
-
-
 @lru_cache(maxsize=4096)
-def _parsed(file: str, stamp: Stamp) -> tuple[str, tuple[str, ...]]:
-    """(digest of the syntax tree without docstrings and without where our modules lie, dotted names the module
-    imports)."""
-    tree = ast.parse(read_started(Path(file)), file)
-    imports: list[str] = []
-    for block in _blocks(tree):
-        block[:] = [s for s in block if not _is_text(s)]
-        for node in block:
-            if isinstance(node, ast.Import):
-                imports += [a.name for a in node.names]
-            elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
-                imports += [node.module, *(f"{node.module}.{a.name}" for a in node.names)]
-                node.module = "" if node.module.partition(".")[0] == PACKAGE else node.module
-    return hashlib.blake2b(ast.dump(tree).encode(), digest_size=16).hexdigest(), tuple(dict.fromkeys(imports))
+def _parsed(file: str, stamp: Stamp) -> Syntax:
+    """The syntax of a file as it was at a stamp; of our own remembered from one process to the next."""
+    path = Path(file)
+    return (remembered().of if path in STARTED else syntax_of)(read_started(path), file)
 
 
 def read_started(file: Path) -> bytes:
@@ -142,7 +107,7 @@ def here_is() -> str:
     return f"process {os.getpid()} on {socket.gethostname()}"
 
 
-def parsed(file: Path) -> tuple[str, tuple[str, ...]]:
+def parsed(file: Path) -> Syntax:
     """(digest of a file's syntax tree, dotted names it imports).
 
     Of this process's own files as they were when it began, even if they are edited later: it goes on with what it
@@ -188,7 +153,9 @@ def code_digest(run: str, root: Path = ROOT) -> str:
 @lru_cache(maxsize=256)
 def _own_digest(module: str) -> str:
     """Of our own code as it was when this process began, which stays what it is."""
-    return _digest(module, ROOT)
+    found = _digest(module, ROOT)
+    remembered().keep()
+    return found
 
 
 def _digest(module: str, root: Path) -> str:

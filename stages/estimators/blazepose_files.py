@@ -5,13 +5,12 @@ from __future__ import annotations
 
 import hashlib
 import os
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from posegaussian.storage.model.errors import SourceError
-from posegaussian.storage.model.home import at_home
+from posegaussian.storage.model.home import at_home, user_cache
 
 
 @dataclass(frozen=True)
@@ -59,16 +58,7 @@ def cache_folder() -> Path:
     platform's folder for caches."""
     if own := os.environ.get("POSEGAUSSIAN_MODELS"):
         return Path(at_home(own))
-    chosen = os.environ.get("XDG_CACHE_HOME")
-    if chosen:
-        base = Path(at_home(chosen))
-    elif sys.platform == "darwin":
-        base = Path.home() / "Library" / "Caches"
-    elif sys.platform == "win32":
-        base = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
-    else:
-        base = Path.home() / ".cache"
-    return base / "posegaussian" / "models"
+    return user_cache() / "models"
 
 
 def blazepose_folder() -> Path:

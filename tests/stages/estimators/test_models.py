@@ -44,7 +44,7 @@ def test_without_xdg_it_is_the_platform_s(
     monkeypatch.delenv("POSEGAUSSIAN_MODELS", raising=False)
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.delenv("LOCALAPPDATA", raising=False)
-    monkeypatch.setattr(blazepose_files.Path, "home", lambda: tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setattr(sys, "platform", platform)
     assert blazepose_files.cache_folder() == tmp_path / folder / "posegaussian" / "models"
 
