@@ -131,7 +131,7 @@ def _told(event: Event, voice: Voice) -> Iterator[str]:
         yield event.sentence
     elif isinstance(event, EffectsDecided) and voice >= Voice.VERBOSE:
         yield from (f"{event.sequence}: {sentence}" for sentence in event.sentences)
-    elif isinstance(event, EffectsDecided):
+    elif isinstance(event, EffectsDecided) and (event.on or event.off):
         on = ", ".join(event.on) or "none"
         yield (
             f"{event.sequence}: effects switched on by what the frames show: {on}; off:"

@@ -53,6 +53,7 @@ def _stage_parts(context: Context, stage: Stage) -> dict[str, Any]:
             "params": context.params(stage).hashed(),
             **({"seen": {n: getattr(context.settings, n).hashed() for n in stage.sees}} if stage.sees else {}),
             "effects": context.effect_states(stage),
+            **({"rate": float(context.capture.frame_rate)} if stage.timed else {}),
             **asked,
         }
     return context.memo[key]
@@ -188,6 +189,9 @@ def reasons(context: Context, old: Mapping[str, Any], new: Mapping[str, Any]) ->
     if old.get("code") != new["code"]:
         out.append(f"code of {stage} changed ({str(old.get('code'))[:4]} -> {new['code'][:4]})")
     out += _effects_changed(old.get("effects", {}), new["effects"])
+    if "rate" in new and old.get("rate") != new["rate"]:
+        before = f"{old['rate']:g}" if "rate" in old else "one that was not noted"
+        out.append(f"the frame rate {before} -> {new['rate']:g}")
     out += [f"{name} is asked for" for name in new.get("asked", []) if name not in old.get("asked", [])]
     if "worked" in new and not _covers(old.get("worked"), new["worked"]):
         first, last = new["worked"][1:]

@@ -17,9 +17,10 @@ from posegaussian.dags.runtime.work_order import ArrayReading, Promise, WorkOrde
 from posegaussian.stages.contract.io import TaskScope
 from posegaussian.stages.registry import STAGES
 from posegaussian.stages.registry import stage as stage_named
+from posegaussian.storage.archive.array_metadata import ForeignArray, read_metadata
 from posegaussian.storage.archive.receipts import ReceiptKey, ShardFile
 from posegaussian.storage.model.cameras import INTRINSICS_AXES, POSE_AXES, CameraPath
-from posegaussian.storage.model.spec import ArraySpec
+from posegaussian.storage.model.spec import ArraySpec, array_digest
 
 
 def make_order(context: Context, book: Book, task: Task, parts: dict[str, Any], threads: int) -> WorkOrder:
@@ -141,10 +142,21 @@ def _as_set(plan: Plan, stage: str) -> bool:
 
 def lacks_description(plan: Plan) -> bool:
     """Whether `prepare` has something to do for a sequence of which all is fresh: cameras or times beside the pictures
-    are not there, which `verify --repair` takes away where they are damaged, or arrays are shorter than they were."""
-    names = ("frames/intrinsics", "frames/world_to_camera", "frames/size", *_beside(plan.context))
-    there = all(plan.context.sequence.place(f"{name}/zarr.json").is_file() for name in names)
-    return not there or next(needed_arrays(plan), None) is not None
+    are not there, which `verify --repair` takes away where they are damaged, times are those of another frame rate, or
+    arrays are shorter than they were."""
+    context = plan.context
+    names = ("frames/intrinsics", "frames/world_to_camera", "frames/size", *_beside(context))
+    there = all(context.sequence.place(f"{name}/zarr.json").is_file() for name in names)
+    return not there or not _has_times(context) or next(needed_arrays(plan), None) is not None
+
+
+def _has_times(context: Context) -> bool:
+    """Whether `frames/time` was written of these times, as its description says."""
+    try:
+        attributes = read_metadata(context.sequence.place("frames/time"))["attributes"]
+    except (ForeignArray, FileNotFoundError):
+        return False
+    return bool(attributes.get("digest") == array_digest(context.time))
 
 
 def _beside(context: Context) -> dict[str, tuple[np.ndarray, tuple[str, ...], str, str]]:

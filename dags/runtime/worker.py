@@ -65,6 +65,8 @@ class StoreInputs(TimedInputs):
         self._order = order
         self._capture = _capture(order.root, (order.root / "zarr.json").stat().st_mtime_ns, order.late)
         self._stopwatch = Stopwatch()
+        self._sources: dict[str, Any] = {}
+        """{kind: its reader}, which remembers what it opened."""
 
     def _reading(self, array: str) -> ArrayReading:
         if array not in self._order.readings:
@@ -118,9 +120,9 @@ class StoreInputs(TimedInputs):
             raise KeyError(
                 f"{stage.name} does not declare the source {kind}; it declares {', '.join(declared) or 'none'}"
             )
-        if kind in self._order.assets:
-            return self._asset(kind)
-        return open_source(self._capture, kind)
+        if kind not in self._sources:
+            self._sources[kind] = self._asset(kind) if kind in self._order.assets else open_source(self._capture, kind)
+        return self._sources[kind]
 
     def _asset(self, name: str) -> Any:
         """Models or weights. Raises OtherCode where those of this machine are not what the run was planned with."""

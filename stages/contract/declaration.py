@@ -380,6 +380,9 @@ class Stage:
     """Of the stage that renders: how its paths are made."""
     sees: tuple[str, ...] = ()
     """Other stages whose settings its kernel gets, too, as `inputs.settings`: it does in memory what they do."""
+    timed: bool = False
+    """Whether its results depend on seconds, and not on the order of frames alone: another frame rate makes them
+    anew."""
     trust: Trust | None = None
     """Of the stage that measures whether cameras agree: which of them are believed."""
 

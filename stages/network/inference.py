@@ -29,13 +29,11 @@ from posegaussian.stages.network.model.pairs import (
     window_around,
     windows,
 )
-from posegaussian.stages.network.model.presets import TRAINED_ANGLE, Preset
+from posegaussian.stages.network.model.presets import TRAINED_ANGLE, TRAINED_SIDE, Preset
 from posegaussian.stages.network.single_view import beside, single_pair
 from posegaussian.stages.network.third_view import candidates, third_of
 from posegaussian.storage.model.cameras import Rig, points_to_integer_centres
 
-TRAINED_SIDE = 640
-"""Larger pictures are looked at as if their longer side had this many px: the network knows people of this size."""
 HEADS = ("scale", "rotation", "opacity")
 """In the order of the channels of `network/numbers`."""
 NUMBERS = 8

@@ -52,6 +52,12 @@ class NetworkParams(Params):
     )
 
 
+def shown_bytes(height: int, width: int, views: int) -> int:
+    """Bytes of what the network is shown of one frame: pictures, masks, depth and its confidence, and heatmaps of 17
+    joints, raw and stabilised, a cell per 16 pixels."""
+    return height * width * views * (3 + 1 + 4 + 2 + 2 * 17 * 2 // 16)
+
+
 def depth_reads(halo: Halo = (0, 0)) -> tuple[Read, ...]:
     """Reads of the depth that `depth_array` names."""
     return (

@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 
 from posegaussian.stages.contract.io import Block, Inputs
+from posegaussian.stages.contract.reading import read_together
 from posegaussian.stages.contract.timing import TimedInputs
 from posegaussian.stages.depth.algorithms.smooth_disparity import even
 from posegaussian.stages.matching.fuse import MATCHED
@@ -15,7 +16,7 @@ from posegaussian.stages.network.inference import NUMBERS, Learned, Looks, leani
 from posegaussian.stages.network.model.network import PoseGaussianNetwork
 from posegaussian.stages.network.model.pairs import SourceView
 from posegaussian.stages.network.model.presets import Preset
-from posegaussian.stages.network.params import QUATERNIONS, TURNED, NetworkParams
+from posegaussian.stages.network.params import QUATERNIONS, TURNED, NetworkParams, shown_bytes
 from posegaussian.stages.network.precision import precision_of
 from posegaussian.stages.network.silhouettes import held, silhouettes_of
 from posegaussian.stages.pose.facts import POSE_HEATMAPS
@@ -39,13 +40,12 @@ def run(inputs: TimedInputs, params: NetworkParams) -> Iterator[Block]:
     with inputs.timed("loading"):
         network = inputs.source("network")
     shape = _shape(inputs)
-    with inputs.timed("reading"):
-        read = {v: _View(inputs, v) for v in inputs.views.sources}
-    depth = {v: r.depth.astype(np.float32, copy=True) for v, r in read.items()}
-    confidence = {v: np.zeros(shape, np.float16) for v in read}
-    blend = {v: np.zeros(shape, np.float16) for v in read}
-    numbers = {v: np.zeros((shape[0], NUMBERS, *shape[1:]), np.float16) for v in read}
-    turn = {v: np.zeros((shape[0], 1, *shape[1:]), np.float16) for v in read}
+    reader, sources = _Reader(inputs), inputs.views.sources
+    depth = {v: np.zeros(shape, np.float32) for v in sources}
+    confidence = {v: np.zeros(shape, np.float16) for v in sources}
+    blend = {v: np.zeros(shape, np.float16) for v in sources}
+    numbers = {v: np.zeros((shape[0], NUMBERS, *shape[1:]), np.float16) for v in sources}
+    turn = {v: np.zeros((shape[0], 1, *shape[1:]), np.float16) for v in sources}
     axes = np.zeros((len(inputs.rig), shape[0], 1), np.float32)
 
     @cache
@@ -54,8 +54,11 @@ def run(inputs: TimedInputs, params: NetworkParams) -> Iterator[Block]:
             return Looks.of(inputs.rig, valid, params.pairs, network.preset.widest, TURNED in inputs.facts)
 
     for f in range(shape[0]):
-        valid = tuple(v for v in read if inputs.valid[f, v])
-        shown = {u: read[u].at(f) for u in valid}
+        valid = tuple(v for v in sources if inputs.valid[f, v])
+        filmed = reader.frame(f)
+        for v, view in filmed.items():
+            depth[v][f] = view.depth
+        shown = {v: filmed[v] for v in valid}
         for v, learned in _learned(inputs, network, params, looks, shown).items():
             with inputs.timed("pulling back"):
                 sensitivity = looks(valid).sensitivity(v) if len(valid) > 1 else 0.0
@@ -66,8 +69,8 @@ def run(inputs: TimedInputs, params: NetworkParams) -> Iterator[Block]:
     for v in range(len(inputs.rig)):
         yield Block("network/depth", depth.get(v, np.zeros(shape, np.float32)), v)
         yield Block("network/confidence", confidence.get(v, np.zeros(shape, np.float16)), v)
-        mean = _mean(depth[v], confidence[v]) if v in read else np.zeros((shape[0], 1), np.float32)
-        yield Block("network/share", mean, v, notes=_note(mean) if v in read else ())
+        mean = _mean(depth[v], confidence[v]) if v in sources else np.zeros((shape[0], 1), np.float32)
+        yield Block("network/share", mean, v, notes=_note(mean) if v in sources else ())
         yield Block("network/blend", blend.get(v, np.zeros(shape, np.float16)), v)
         yield Block("network/numbers", numbers.get(v, np.zeros((shape[0], NUMBERS, *shape[1:]), np.float16)), v)
         if QUATERNIONS in inputs.facts:
@@ -123,26 +126,32 @@ def _learned(
         return {v: held(rig, v, shown[v].depth, said, silhouettes) for v, said in found.items()}
 
 
-class _View:
-    """Arrays of one view's partition."""
+class _Reader:
+    """Reads what the source views show, of large pictures some frames at a time."""
 
-    def __init__(self, inputs: Inputs, view: int) -> None:
-        self.color, self.mask, self.depth, self.confidence = (
-            inputs.read(n, view) for n in ("frames/color", "frames/mask", "depth/depth", "depth/confidence")
-        )
-        drawn, steady = POSE_HEATMAPS in inputs.facts, TEMPORAL_SMOOTHING in inputs.facts
-        self.heatmaps = inputs.read("pose/heatmaps", view) if drawn else None
-        self.stabilised = inputs.read("smoothing/heatmaps", view) if drawn and steady else None
+    def __init__(self, inputs: TimedInputs) -> None:
+        self.inputs = inputs
+        names = ["frames/color", "frames/mask", "depth/depth", "depth/confidence"]
+        if POSE_HEATMAPS in inputs.facts:
+            names.append("pose/heatmaps")
+            if TEMPORAL_SMOOTHING in inputs.facts:
+                names.append("smoothing/heatmaps")
+        self.names = tuple(names)
+        """Arrays that are read, in the order of the fields of `SourceView`."""
+        self.span = range(0)
+        """Frames of the partition that were read last."""
+        self.read: dict[int, list[np.ndarray]] = {}
+        """{source view: what was read of these frames}."""
 
-    def at(self, f: int) -> SourceView:
-        return SourceView(
-            self.color[f],
-            self.mask[f],
-            self.depth[f],
-            self.confidence[f],
-            None if self.heatmaps is None else self.heatmaps[f],
-            None if self.stabilised is None else self.stabilised[f],
-        )
+    def frame(self, f: int) -> dict[int, SourceView]:
+        """What each source view shows of the f-th frame of the partition."""
+        own, views = self.inputs.partition, self.inputs.views.sources
+        if f not in self.span:
+            span = read_together(own, own.start + f, shown_bytes(*_shape(self.inputs)[1:], len(views)))
+            self.read, self.span = {}, range(span.start - own.start, span.stop - own.start)
+            with self.inputs.timed("reading"):
+                self.read = {v: [self.inputs.read(n, v, span) for n in self.names] for v in views}
+        return {v: SourceView(*(a[f - self.span.start] for a in self.read[v])) for v in views}
 
 
 def _shape(inputs: Inputs) -> tuple[int, int, int]:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from posegaussian.stages.contract.declaration import Read, Resources, Stage, Typical
 from posegaussian.stages.contract.facts import GIVEN_DEPTH, JOINTS2D, JOINTS3D, SINGLE_SOURCE, Facts
+from posegaussian.stages.contract.reading import bytes_together
 from posegaussian.stages.network.asset import SHIPPED_NETWORKS, TRAINED, card_of, facts_of
 from posegaussian.stages.network.asset import notes as weights_notes
 from posegaussian.stages.network.choice import WEIGHTS, settled
-from posegaussian.stages.network.model.presets import Preset
-from posegaussian.stages.network.params import AUTO, NETWORK, NONE, QUATERNIONS, TURNED, NetworkParams
+from posegaussian.stages.network.model.presets import TRAINED_SIDE, Preset
+from posegaussian.stages.network.params import AUTO, NETWORK, NONE, QUATERNIONS, TURNED, NetworkParams, shown_bytes
 from posegaussian.stages.network.precision import PRECISION
 from posegaussian.stages.pose.effects import POSE_HEATMAPS
 from posegaussian.stages.smoothing.effects import TEMPORAL_SMOOTHING
@@ -16,14 +17,16 @@ from posegaussian.storage.model.spec import ArraySpec, Shape
 
 
 def needs(shape: Shape, params: NetworkParams) -> Resources:
-    """Pictures, maps and results of all views, and the features of one pair (`fast` takes 0.26 kB a pixel of both
-    windows, `base` 0.51, 0.77 in float32, measured at 512 px)."""
-    pixels = shape["y"] * shape["x"]
-    pair = pixels * 2500
+    """What frames that are read together show, all views' results, one frame's at full precision, and the features of
+    one pair at the size it is looked at (`fast` takes 0.26 kB a pixel of both windows, `base` 0.51, 0.77 in float32,
+    measured at 512 px)."""
+    pixels, views = shape["y"] * shape["x"], shape["view"]
+    pair = int(pixels * min(1.0, TRAINED_SIDE / max(shape["y"], shape["x"])) ** 2 * 2500)
+    shown = bytes_together(shape["frame"], shown_bytes(shape["y"], shape["x"], views))
     return Resources(
         cpu=1,
         gpu=1,
-        ram=pixels * (shape["frame"] * shape["view"] * 40 + shape["view"] * 64) + pair + 2**28,
+        ram=shown + pixels * (shape["frame"] * views * 28 + views * 64) + pair + 2**28,
         vram=pair + 2**28,
     )
 

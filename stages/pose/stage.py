@@ -85,4 +85,5 @@ STAGE = Stage(
     typical=Typical(seconds=1e-7, ratio=0.1),
     unneeded=unneeded,
     effects=(UNDISTORTION, CROP_SCALE, CALIBRATION_CORRECTION, POSE_HEATMAPS),
+    timed=True,
 )

@@ -194,6 +194,8 @@ def retouched(
     """
     longer = max(alpha.shape)
     radius = max(REACH, round(HOLE * longer))
+    if not (alpha > 0).any():  # a camera that looks past the subject
+        return np.zeros(color.shape, np.float32), np.zeros(alpha.shape, np.float32)
     part = part_around(alpha > 0, max(radius, math.ceil(4 * _nearby(longer)), 2 * REACH) + 2)
     whole = np.zeros(color.shape, np.float32), np.zeros(alpha.shape, np.float32)
     c, a = color[part].astype(np.float32), alpha[part].astype(np.float32)

@@ -68,4 +68,5 @@ STAGE = Stage(
     unneeded=unneeded,
     effects=(UNDISTORTION, CROP_SCALE, CALIBRATION_CORRECTION),
     cameras=lambda rig, params: frames_rig(rig, LONGEST),
+    timed=True,
 )

@@ -7,6 +7,7 @@ SourceError.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from posegaussian.storage.formats.body_scenes import read_bodies
 from posegaussian.storage.formats.joint_files import (
     Detections,
+    TrcFile,
     no_people,
     read_caliscope,
     read_coco,
@@ -27,6 +29,10 @@ from posegaussian.storage.model.errors import SourceError
 from posegaussian.storage.model.joint_sets import joint_set
 from posegaussian.storage.readers import hdf5, images
 from posegaussian.storage.readers.video import VideoFile
+
+TABLES = 32
+"""Files of all frames' joints that a process remembers, parsed: those of as many cameras. A task reads a few frames of
+each, and parsing them takes half a second for a thousand frames."""
 
 
 class _Source:
@@ -170,6 +176,24 @@ class DepthMaps(_Source):
 _ONE_PICTURE: dict[str, Callable[[str], Detections]] = {"openpose": read_openpose, "easymocap": read_easymocap}
 
 
+@lru_cache(maxsize=TABLES)
+def _table(kind: str, file: SourceFile, camera: Any, joints: int) -> dict[Any, Detections]:
+    """People of one camera by its frames, not to be written to, of a file that holds all frames and is what was
+    imported."""
+    found: dict[Any, Detections] = (
+        read_coco(file.path, camera) if kind == "coco" else read_caliscope(file.path, camera, joints)
+    )
+    for detections in found.values():
+        detections.joints.flags.writeable = detections.boxes.flags.writeable = False
+    return found
+
+
+@lru_cache(maxsize=1)
+def _markers(file: SourceFile) -> TrcFile:
+    """Of a file that is what was imported."""
+    return read_trc(file.path)
+
+
 class Joints(_Source):
     """2D joints as given (`posegaussian.stages.contract.io.JointReader`)."""
 
@@ -177,7 +201,6 @@ class Joints(_Source):
         super().__init__(capture, kind)
         self.joint_set: str = next(s.options["joint_set"] for s in self._streams if s is not None)
         self._count = len(joint_set(self.joint_set))
-        self._tables: dict[int, dict[Any, Detections]] = {}
 
     def read(self, view: int, number: int) -> np.ndarray:
         """[people, J, 3] float64 (u, v, score) in captured pixels, our centres;
@@ -194,14 +217,10 @@ class Joints(_Source):
         if stream is None or number not in stream.numbers:
             return no_people(self._count)
         if stream.kind in ("coco", "caliscope"):
-            if view not in self._tables:
-                path = self._path(stream.files[0])
-                self._tables[view] = (
-                    read_coco(path, stream.options.get("view"))
-                    if stream.kind == "coco"
-                    else read_caliscope(path, stream.options["camera"], self._count)
-                )
-            path, found = stream.files[0].path, self._tables[view].get(stream.index_of(number), no_people(self._count))
+            path = self._path(stream.files[0])
+            named = stream.options.get("view") if stream.kind == "coco" else stream.options["camera"]
+            table = _table(stream.kind, stream.files[0], named, self._count)
+            found = table.get(stream.index_of(number), no_people(self._count))
         elif stream.kind == "hdf5":
             path, (index,) = stream.files[0].path, self._indices(view, [number])
             options = stream.options
@@ -234,7 +253,8 @@ class Joints3D(_Source):
             found = read_bodies(next(self._files(0, [int(number)]))) if int(number) in stream.numbers else {}
             return found.get(stream.options["person"], np.zeros((len(names), 4)))
         if self._joints is None:
-            self._joints = read_trc(self._path(stream.files[0])).joints(names, stream.options["axes"])
+            self._path(stream.files[0])
+            self._joints = _markers(stream.files[0]).joints(names, stream.options["axes"])
         return self._joints.get(int(number), np.zeros((len(names), 4)))
 
 

@@ -44,7 +44,7 @@ class SourceView:
     """[h, w] float32 metres along the optical axis, 0 where there is no surface."""
     confidence: np.ndarray
     """[h, w] 0..1 of that depth."""
-    heatmaps: np.ndarray | None
+    heatmaps: np.ndarray | None = None
     """[J, h / 4, w / 4] of this frame alone, None where the capture has no joints."""
     stabilised: np.ndarray | None = None
     """[J, h / 4, w / 4] the same, stabilised over time; None where they are not."""

@@ -21,6 +21,8 @@ WIDEST = 1024
 """Channels of a level, or cells of a look-up, at most: a file may ask for more than any memory holds."""
 TRAINED_ANGLE = 62.0
 """Degrees: the widest pairs of rings of six cameras stand 60 apart."""
+TRAINED_SIDE = 640
+"""Larger pictures are looked at as if their longer side had this many px: the networks know people of this size."""
 GROUP = 8
 """Channels of one group of a group normalisation."""
 

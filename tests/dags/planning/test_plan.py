@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 import subprocess
 import sys
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from posegaussian.dags.planning import fingerprint
@@ -16,7 +19,9 @@ from posegaussian.dags.planning.plan import State, judge
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.tasks import Task
 from posegaussian.dags.runtime.events import TaskDone, TaskFailed
+from posegaussian.dags.runtime.ordering import lacks_description
 from posegaussian.stages.registry import stage as stage_named
+from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.model.errors import ConfigError
 from tests.support.pipeline import NAME, Pipeline, assert_same_content, content, ended
 
@@ -46,6 +51,25 @@ def test_a_changed_setting_is_named_with_old_and_new_value_and_reruns_only_depen
     assert stale(changed) == {"smoothing": {"smoothing.omega 0.8 -> 0.5"}}
     assert changed.ran() == {"smoothing": 3}
     assert changed.plan().all_fresh
+
+
+def test_another_frame_rate_is_told_to_the_stages_that_go_by_seconds_and_to_readers_of_times(
+    archive: Pipeline, tmp_path: Path
+) -> None:
+    shutil.copytree(archive.folder, tmp_path / "slower")
+    cameras = tmp_path / "slower" / "cameras.json"
+    told = json.loads(cameras.read_text())
+    was, told["frame_rate"] = told["frame_rate"], 5
+    cameras.write_text(json.dumps(told))
+    slower = Pipeline(archive.root, tmp_path / "slower", archive.settings, archive.partition, archive.held_out)
+    slower.register()
+    assert stale(slower)["pose"] == {f"the frame rate {was:g} -> 5"}
+    assert lacks_description(slower.plan())
+    assert slower.ran() == {"pose": 3}
+    assert slower.plan().all_fresh
+    assert not lacks_description(slower.plan())
+    times = Archive.open(str(archive.root)).sequence(NAME).get("frames/time")
+    np.testing.assert_array_equal(times, slower.context().source_frames / 5)
 
 
 def test_a_result_that_lacks_an_output_is_made_anew(archive: Pipeline) -> None:

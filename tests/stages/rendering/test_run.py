@@ -111,6 +111,25 @@ def test_unserved_frames_are_black_and_smaller_cameras_are_padded(
     assert np.array_equal(out[COLOR][:, 1, :30, :20], whole[COLOR][:, 1, :30, :20])
 
 
+@pytest.mark.parametrize("off", ["", "source_detail", "hole_filling", "silhouette_clipping", "outline_evening"])
+def test_a_camera_that_looks_past_the_subject_shows_nothing_and_leaves_the_others_alone(
+    person: PersonCapture, arrays: dict[str, np.ndarray], off: str
+) -> None:
+    """Whatever of pictures with something in them is retouched."""
+    path = make_path("held_out", person.rig, person.views, np.arange(3))
+    away = path.world_to_camera.copy()
+    away[:, 1] = np.diag([-1.0, 1.0, -1.0, 1.0]) @ away[:, 1]
+    every = frozenset({"source_detail", "hole_filling", "silhouette_clipping", "outline_evening"})
+    out, whole = (
+        render(person, arrays, p, effects=every - {off})
+        for p in (dataclasses.replace(path, world_to_camera=away), path)
+    )
+    for name in (COLOR, ALPHA):
+        assert not out[name][:, 1].any()
+        assert whole[name][:, 1].any()
+        np.testing.assert_array_equal(out[name][:, 0], whole[name][:, 0])
+
+
 def test_held_out_pictures_are_never_looked_at(person: PersonCapture, arrays: dict[str, np.ndarray]) -> None:
     noise = arrays["frames/color"].copy()
     noise[:, 8:] = np.random.default_rng(0).integers(0, 255, noise[:, 8:].shape)
