@@ -34,7 +34,8 @@ def gap_notes(rig: Rig, sources: Sequence[int], max_angle: float, paths: Mapping
     """
     if len(sources) < 2:
         return []
-    reports = {r.views: r for r in pair_report(rig, sources, max_angle)}
+    rig = rig.subset(sources)
+    reports = {r.views: r for r in pair_report(rig, None, max_angle)}
     found = []
     for path in paths.values():
         gaps, share = ([], 0.0) if path.kind in STANDING else _crossed(rig, reports, _directions(rig, path))

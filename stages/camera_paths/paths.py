@@ -93,7 +93,9 @@ def _asked(
         return _standing(kind, indices, rig, frames)
     if kind == "between":
         return _side_by_side(rig, views, frames, max_angle)
-    return _orbit(rig, frames) if kind == "orbit" else _arc(rig, indices[0], indices[1], frames)
+    # A camera that is held out or not believed does not say where the subject is; a single one alone cannot.
+    seeing = rig.subset(views.sources) if len(views.sources) > 1 else rig
+    return _orbit(seeing, frames) if kind == "orbit" else _arc(rig, seeing, indices[0], indices[1], frames)
 
 
 def _camera(name: str, text: str, rig: Rig) -> int:
@@ -174,30 +176,32 @@ def _side_by_side(rig: Rig, views: Views, frames: int, max_angle: float) -> Came
         )
     steps = frames if frames > 1 else STEPS
     phase = np.arange(steps) / steps
-    subject, axis, height, flat = around(rig)
+    subject, axis, height, flat = around(rig, views.sources)
     size = _common_size(rig.subset(stretch.views))
     focal = rig.intrinsics[:, [0, 1], [0, 1]].mean(axis=1) * size.max() / rig.size.max(axis=1)
     azimuth, (rise, radius, length) = _along(
-        rig, stretch, phase if stretch.closed else (1 - np.cos(2 * np.pi * phase)) / 2, height, flat, focal
+        rig, views, stretch, phase if stretch.closed else (1 - np.cos(2 * np.pi * phase)) / 2, height, flat, focal
     )
-    side, on = directions(rig, stretch.views[0])
+    side, on = directions(rig, views.sources, stretch.views[0])
     centres = (
         subject
         + radius[:, None] * (np.cos(azimuth)[:, None] * side + np.sin(azimuth)[:, None] * on)
         + rise[:, None] * axis
     )
-    up = up_direction(rig)
+    up = up_direction(rig.subset(views.sources))
     k = np.zeros((steps, 3, 3))
     k[:, 0, 0] = k[:, 1, 1] = length
     k[:, 0, 2], k[:, 1, 2], k[:, 2, 2] = size[0] / 2, size[1] / 2, 1
     return _moving("between", k, np.stack([_looking_at(subject, c, up) for c in centres]), size, frames)
 
 
-def _along(rig: Rig, stretch: Stretch, share: np.ndarray, *values: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+def _along(
+    rig: Rig, views: Views, stretch: Stretch, share: np.ndarray, *values: np.ndarray
+) -> tuple[np.ndarray, list[np.ndarray]]:
     """Azimuth [S] from the stretch's first camera at shares [S] of the way, and what each of `values` [V] is there:
     a camera's own beside it, a smooth step between two."""
     order = [*stretch.views, stretch.views[0]] if stretch.closed else list(stretch.views)
-    subject, (side, on) = around(rig)[0], directions(rig, order[0])
+    subject, (side, on) = around(rig, views.sources)[0], directions(rig, views.sources, order[0])
     offset = rig.centres[order] - subject
     steps = np.diff(np.arctan2(offset @ on, offset @ side)) % (2 * np.pi)
     knots = np.concatenate([[0.0], np.cumsum(steps)])
@@ -256,18 +260,19 @@ def _sway(rig: Rig, views: Views, words: list[str], text: str, frames: int, dist
     )
 
 
-def _arc(rig: Rig, a: int, b: int, frames: int) -> CameraPath:
-    """From camera a to camera b about the point nearest to all optical axes; both end points are exact.
+def _arc(rig: Rig, seeing: Rig, a: int, b: int, frames: int) -> CameraPath:
+    """From camera a to camera b about the point nearest to the optical axes of the cameras `seeing` the subject; both
+    end points are exact.
 
     Orientations are slerped. The subject's position in camera axes is interpolated too, its direction and its distance
     apart, and the centre follows: C = X - R^T x. So the distance to the subject runs from one camera's to the other's
     and the subject stays where it is in the picture, whatever the origin of the world. Translations are never
     interpolated. The intrinsics are interpolated linearly; the size is the larger one on each axis.
     """
-    subject = look_at_point(rig)
+    subject = look_at_point(seeing)
     ra, rb = rig.rotations[a], rig.rotations[b]
     xa, xb = (rig.rotations[i] @ subject + rig.world_to_camera[i, :3, 3] for i in (a, b))
-    turn = _rotation_vector(rb.T @ ra, up_direction(rig))  # world axes: camera axes a turn into those of b
+    turn = _rotation_vector(rb.T @ ra, up_direction(seeing))  # world axes: camera axes a turn into those of b
     steps = frames if frames > 1 else STEPS
     share = np.linspace(0, 1, steps)
     poses = []

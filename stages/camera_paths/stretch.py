@@ -59,7 +59,7 @@ def best_stretch(rig: Rig, sources: Sequence[int], max_angle: float = MAX_ANGLE)
     for report in pair_report(rig, sources, max_angle):
         if report.usable:
             angles[report.views] = angles[report.views[::-1]] = round(report.angle, 1)
-    azimuth = _azimuths(rig)
+    azimuth = _azimuths(rig, sources)
     found = [_of_group(group, angles, azimuth) for group in _groups(sources, angles)]
     known = [(size, stretch) for size, stretch in found if stretch is not None]
     return min(known, key=lambda f: (-f[0], f[1].widest, f[1].views[0]))[1] if known else None
@@ -80,16 +80,17 @@ def stretch_notes(rig: Rig, sources: Sequence[int], max_angle: float, paths: Map
     ]
 
 
-def around(rig: Rig) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Subject [3], the axis through it that cameras stand around [3], and how far along the axis and how far from it
-    each camera is [V], metres.
+def around(rig: Rig, sources: Sequence[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Subject [3], the axis through it that source cameras stand around [3], and how far along the axis and how far
+    from it each camera is [V], metres.
 
     The axis is the rig's up, and what is along it height, but where cameras stand above each other rather than side by
     side: then it lies across, and the way around is up and down.
     """
-    subject, axis = look_at_point(rig), up_direction(rig)
-    offset = rig.centres - subject
-    toward = offset / np.linalg.norm(offset, axis=1, keepdims=True)
+    own = rig.subset(sources)
+    subject, axis = look_at_point(own), up_direction(own)
+    offset, toward = rig.centres - subject, own.centres - subject
+    toward = toward / np.linalg.norm(toward, axis=1, keepdims=True)
     values, vectors = np.linalg.eigh(toward.T @ toward)
     across = vectors[:, 0]
     if values[0] < FLAT * values[1] and abs(across @ axis) < np.sqrt(0.5):
@@ -98,22 +99,22 @@ def around(rig: Rig) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     return subject, axis, height, np.linalg.norm(offset - height[:, None] * axis, axis=1)
 
 
-def directions(rig: Rig, first: int) -> tuple[np.ndarray, np.ndarray]:
-    """Two axes [3] across the one that cameras stand around: towards camera `first`, and a quarter turn on,
+def directions(rig: Rig, sources: Sequence[int], first: int) -> tuple[np.ndarray, np.ndarray]:
+    """Two axes [3] across the one that source cameras stand around: towards camera `first`, and a quarter turn on,
     right-handed."""
-    subject, axis, height, _ = around(rig)
+    subject, axis, height, _ = around(rig, sources)
     flat = rig.centres[first] - subject - height[first] * axis
     side = flat / np.linalg.norm(flat)
     return side, np.cross(axis, side)
 
 
-def _azimuths(rig: Rig) -> np.ndarray:
-    """[V] radians about the axis that cameras stand around; not a number for cameras that stand on it."""
-    subject, _, height, flat = around(rig)
+def _azimuths(rig: Rig, sources: Sequence[int]) -> np.ndarray:
+    """[V] radians about the axis that source cameras stand around; not a number for cameras that stand on it."""
+    subject, _, height, flat = around(rig, sources)
     stands = np.abs(height) <= np.tan(np.radians(STEEPEST)) * flat
     if not stands.any():
         return np.full(len(rig), np.nan)
-    side, on = directions(rig, int(np.argmax(stands)))
+    side, on = directions(rig, sources, int(np.argmax(stands)))
     offset = rig.centres - subject
     return np.where(stands, np.arctan2(offset @ on, offset @ side), np.nan)
 

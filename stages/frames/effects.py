@@ -10,6 +10,7 @@ from posegaussian.stages.contract.judged import EXPOSURE, SHARED_LIGHT, drawn_at
 from posegaussian.stages.frames import facts
 from posegaussian.stages.frames.exposures import SURFACE, compared, points_in, side_by_side
 from posegaussian.stages.imaging import exposure
+from posegaussian.stages.imaging.noise import noise_at, size_worked_at
 
 OUTLINES, LIGHT, UNREST = "survey/outlines", "survey/light", "survey/unrest"
 """What the survey measures for them."""
@@ -104,10 +105,8 @@ def _outlines(evidence: Evidence, bound: float) -> Decision | None:
     if OUTLINES not in evidence.noted:
         return None
     sources = list(evidence.sources)
-    shrunk = (evidence.rig.size[sources] / evidence.source_rig.size[sources])[:, 0] * evidence.captured_to_calibrated[
-        sources, 0
-    ]
-    offsets = proven_offsets(evidence.noted[OUTLINES]) * shrunk
+    sizes = size_worked_at(evidence.rig, evidence.source_rig, evidence.captured_to_calibrated)[sources]
+    offsets = proven_offsets(evidence.noted[OUTLINES]) * sizes
     worst = int(np.abs(offsets).argmax())
     off, name = float(offsets[worst]), evidence.rig.names[sources[worst]]
     if off == 0:
@@ -146,10 +145,17 @@ def _nothing_to_average(evidence: Evidence) -> str | None:
     return "the pictures are linear light" if LINEAR_LIGHT in evidence.facts else None
 
 
+def worked_noise(evidence: Evidence, measure: str) -> float:
+    """Noise, 1/255, of the pictures that are worked on, median of the source views: of what the survey noted as
+    `measure` [S, octave]."""
+    sizes = size_worked_at(evidence.rig, evidence.source_rig, evidence.captured_to_calibrated)[list(evidence.sources)]
+    return float(np.median([noise_at(n, s) for n, s in zip(evidence.noted[measure], sizes, strict=True)]))
+
+
 def _noise(evidence: Evidence, bound: float) -> Decision | None:
     if UNREST not in evidence.noted:
         return None
-    level = float(np.median(evidence.noted[UNREST]))
+    level = worked_noise(evidence, UNREST)
     told = f"source pictures change by noise of {level:.2f}/255 from frame to frame where nothing moves"
     return Decision(level > bound, level, bound, told)
 

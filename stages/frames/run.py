@@ -27,6 +27,7 @@ from posegaussian.stages.imaging.averaging import averaged
 from posegaussian.stages.imaging.camera_mapping import switched
 from posegaussian.stages.imaging.color import gain_table, to_display, tone_mapped
 from posegaussian.stages.imaging.exposure import match
+from posegaussian.stages.imaging.noise import noise_at, size_worked_at
 from posegaussian.stages.imaging.outline import moved
 from posegaussian.stages.imaging.warp import Warp
 from posegaussian.storage.model.errors import SourceError
@@ -98,7 +99,9 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
 
 def _fill_averaged(inputs: Inputs, warp: Warp, color: np.ndarray) -> None:
     """Fill color [F, h, w, 3] of a source view with averages over the frames around."""
-    view, noise = warp.view, float(inputs.read("survey/unrest", warp.view)[0])
+    view = warp.view
+    size = size_worked_at(inputs.rig, inputs.source_rig, inputs.captured_to_calibrated)[view]
+    noise = noise_at(inputs.read("survey/unrest", view), size)
     numbers, valid = inputs.footage("pictures")
     first = inputs.partition.start - inputs.span("pictures").start
     there = np.flatnonzero(valid[:, view])

@@ -11,6 +11,7 @@ from posegaussian.stages.frames.facts import AVERAGED_WITH, NOISE_AVERAGING
 from posegaussian.stages.gaussians.params import GaussiansParams
 from posegaussian.stages.gaussians.prior import normals, scales
 from posegaussian.stages.imaging.averaging import averaged_depth, sameness
+from posegaussian.stages.imaging.noise import noise_at, size_worked_at
 from posegaussian.stages.imaging.part import part_around
 from posegaussian.stages.network.params import NETWORK, QUATERNIONS, SINGLE_OPACITY, TURNED, TWISTED, found_depth_array
 
@@ -82,7 +83,8 @@ def _averaged(inputs: Inputs, view: int) -> tuple[np.ndarray, np.ndarray]:
     differ by a fifth of the noise they were filmed with, of what moved by all of it. Half of it tells the two apart.
     """
     depth, confidence = _found(inputs, view)
-    noise, color = float(inputs.read("survey/unrest", view)[0]) / 2, inputs.read("frames/color", view)
+    size = size_worked_at(inputs.rig, inputs.source_rig, inputs.captured_to_calibrated)[view]
+    noise, color = noise_at(inputs.read("survey/unrest", view), size) / 2, inputs.read("frames/color", view)
     first, footprint = inputs.partition.start - inputs.span("frames/color").start, 1 / inputs.rig.intrinsics[view, 0, 0]
     if noise <= 0:
         own = slice(first, first + len(inputs.partition))

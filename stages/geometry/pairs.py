@@ -147,7 +147,7 @@ def classify(
             f" {MIN_ASIDE:g})",
         )
     try:
-        rectify(rig, first, second, subject)
+        rectify(rig, first, second, subject, up=up)
     except ValueError as e:
         return report(PairVerdict.BEHIND, aside, MIN_ASIDE, f"one behind the other as they look, {e}")
     return report(PairVerdict.USABLE, angle, max_angle, f"usable, {angle:.1f} degrees at the subject")
@@ -175,8 +175,10 @@ def pair_report(rig: Rig, views: Sequence[int] | None = None, max_angle: float =
 
 @lru_cache(maxsize=16)
 def _reports(rig: Rig, views: tuple[int, ...], max_angle: float) -> tuple[PairReport, ...]:
-    """A plan asks for the same pairs more than once: for its notes, the default path and the depth."""
-    subject, up = look_at_point(rig), up_direction(rig)
+    """A plan asks for the same pairs more than once: for its notes, the default path and the depth. Where the subject
+    is these views say, and no camera that is held out or not believed."""
+    seen = rig.subset(views)
+    subject, up = look_at_point(seen), up_direction(seen)
     return tuple(classify(rig, a, b, max_angle, subject, up) for a, b in combinations(views, 2))
 
 

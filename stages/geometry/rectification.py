@@ -136,11 +136,13 @@ def _apply(homography: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.n
     return image.reshape(pixels.shape), ratio.reshape(pixels.shape[:-1])
 
 
-def rectify(rig: Rig, first: int, second: int, subject: np.ndarray, scale: float = 1.0) -> RectifiedPair:
+def rectify(
+    rig: Rig, first: int, second: int, subject: np.ndarray, scale: float = 1.0, up: np.ndarray | None = None
+) -> RectifiedPair:
     """The rectified pair of two views, with the subject [3] (world metres) in the middle of both pictures.
 
-    Whatever way round: rows run so that the rig's up is up in the rectified pictures, and where the baseline itself is
-    upright, so that it is left. The order of the views changes the sign of the baseline only.
+    Whatever way round: rows run so that `up` [3], by default the rig's, is up in the rectified pictures, and where the
+    baseline itself is upright, so that it is left. The order of the views changes the sign of the baseline only.
 
     The focal length is the mean of the two views' times `scale`: above 1 the rectified pictures are finer than the
     sources.
@@ -166,7 +168,7 @@ def rectify(rig: Rig, first: int, second: int, subject: np.ndarray, scale: float
             " their baseline runs along the optical axes"
         )
     z /= np.linalg.norm(z)
-    up = up_direction(rig)
+    up = up_direction(rig) if up is None else up
     down = float(np.cross(z, x) @ -up)
     x = x if (down if abs(down) > LEVEL else -float(x @ up)) >= 0 else -x
     rotation = np.stack([x, np.cross(z, x), z])

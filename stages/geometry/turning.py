@@ -8,7 +8,7 @@ import numpy as np
 
 from posegaussian.stages.geometry.pairs import choose_pairs, pair_report
 from posegaussian.stages.geometry.rectification import RectifiedPair, rectify
-from posegaussian.stages.geometry.subject import look_at_point
+from posegaussian.stages.geometry.subject import look_at_point, up_direction
 from posegaussian.storage.model.cameras import Rig
 
 STRAIGHT = np.deg2rad(10.0)
@@ -36,11 +36,12 @@ def turned_pairs(rig: Rig, views: Sequence[int], count: int, widest: float) -> b
     """Whether in the picture of any view its pairs (its `count` nearest, none above `widest` degrees) lie turned, by
     more than `STRAIGHT` and not by quarters."""
     views = tuple(views)
-    centre = look_at_point(rig.subset(views))
+    seeing = rig.subset(views)
+    centre, up = look_at_point(seeing), up_direction(seeing)
     found: dict[int, list[float]] = {}
     for a, partners in choose_pairs(rig, views, count, reports=pair_report(rig, views, widest)).items():
         for b in partners:
-            pair = rectify(rig, a, b, centre)
+            pair = rectify(rig, a, b, centre, up=up)
             for which, view in enumerate(pair.views):
                 found.setdefault(view, []).append(turn_in_picture(rig, pair, which))
     return any(abs(common_turn(turns)) > STRAIGHT for turns in found.values())

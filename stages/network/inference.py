@@ -17,7 +17,7 @@ import torch
 from posegaussian.stages.geometry.pairs import choose_pairs, pair_report
 from posegaussian.stages.geometry.projection import pixel_centres
 from posegaussian.stages.geometry.rectification import RectifiedPair, Window, rectify
-from posegaussian.stages.geometry.subject import look_at_point
+from posegaussian.stages.geometry.subject import look_at_point, up_direction
 from posegaussian.stages.geometry.turning import common_turn, turn_in_picture
 from posegaussian.stages.imaging.part import part_around
 from posegaussian.stages.network.model.network import PoseGaussianNetwork, Prediction, Timer
@@ -85,10 +85,11 @@ class Looks:
         pictures."""
         reports = pair_report(rig, views, widest)
         partners = choose_pairs(rig, views, count, reports=reports)
-        centre = look_at_point(rig.subset(views))
+        seeing = rig.subset(views)
+        centre, up = look_at_point(seeing), up_direction(seeing)
         scale = _scale(rig, views)
         unordered = sorted({(min(a, b), max(a, b)) for a, found in partners.items() for b in found})
-        pairs = tuple(rectify(rig, a, b, centre, scale) for a, b in unordered)
+        pairs = tuple(rectify(rig, a, b, centre, scale, up) for a, b in unordered)
         turns: dict[int, list[float]] = {v: [] for v in views}
         for pair in pairs if turned else ():
             for which, view in enumerate(pair.views):

@@ -11,6 +11,7 @@ from posegaussian.stages.contract.declaration import Decision, Effect, Evidence
 from posegaussian.stages.contract.facts import JOINTS2D, MASKS, SEGMENTED
 from posegaussian.stages.contract.judged import MATTES, POSE, cannot_judge, drawn_at, mean_scores
 from posegaussian.stages.depth.facts import LIMB_BOUNDS
+from posegaussian.stages.frames.effects import worked_noise
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.rendering import facts
 from posegaussian.stages.rendering.params import GAUSSIANS
@@ -108,7 +109,7 @@ def _aliases(evidence: Evidence, bound: float) -> Decision:
 def _tells_detail(evidence: Evidence, bound: float) -> Decision | None:
     if NOISE not in evidence.noted:
         return None
-    noise = float(np.median(evidence.noted[NOISE]))
+    noise = worked_noise(evidence, NOISE)
     return Decision(
         bool(noise <= bound),
         noise,

@@ -30,8 +30,9 @@ from posegaussian.stages.silhouettes.march import MOST_POINTS, march, meets
 from posegaussian.storage.model.cameras import Rig, points_from_integer_centres, to_integer_centres
 from posegaussian.storage.model.masks import foreground
 
-REACH = 0.9
-"""Radius of the searched sphere over the distance of the nearest camera: the sphere holds no camera."""
+REACH, CLOSE = 0.9, 0.7
+"""Radius of the searched sphere over the distance of the nearest camera, so that it holds none; but one nearer than the
+second share of the median distance is taken to be as far: a close-up does not say where people may walk."""
 TOLERANCE = (0.0, 1.5)
 """Px a point may lie outside another view's silhouette; the second value only for rays without a hull at the first."""
 OUTVOTED = 4
@@ -45,7 +46,8 @@ OBLIQUE = 1.5
 
 def searched_radius(rig: Rig, views: list[int], centre: np.ndarray) -> float:
     """Metres: radius of the sphere around `centre` [3] in which the subject of these views is searched."""
-    return REACH * float(np.linalg.norm(rig.centres[views] - centre, axis=1).min())
+    apart = np.linalg.norm(rig.centres[views] - centre, axis=1)
+    return REACH * float(max(apart.min(), CLOSE * np.median(apart)))
 
 
 @dataclass(frozen=True, eq=False)

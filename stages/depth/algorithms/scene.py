@@ -11,7 +11,7 @@ from posegaussian.stages.depth.algorithms.pose_prior import bounded
 from posegaussian.stages.depth.algorithms.search import SearchSettings
 from posegaussian.stages.geometry.pairs import choose_pairs
 from posegaussian.stages.geometry.rectification import RectifiedPair, rectify
-from posegaussian.stages.geometry.subject import look_at_point
+from posegaussian.stages.geometry.subject import look_at_point, up_direction
 from posegaussian.stages.matching.fuse import MATCHED
 from posegaussian.stages.matching.sweep import Neighbours, nearest
 from posegaussian.stages.silhouettes.agreement import agreement
@@ -83,7 +83,8 @@ class Geometry:
         partners = choose_pairs(rig, self.views, params.pairs, params.max_angle)
         ordered = sorted({order for a, found in partners.items() for b in found for order in ((a, b), (b, a))})
         scale = float(np.clip(FINE / rig.size[list(self.views)].max(), 1.0, FINEST if self.silhouettes else 1.0))
-        return {(a, b): rectify(rig, a, b, self.centre, scale) for a, b in ordered}
+        up = up_direction(rig.subset(self.views))
+        return {(a, b): rectify(rig, a, b, self.centre, scale, up) for a, b in ordered}
 
     @cached_property
     def neighbours(self) -> dict[int, Neighbours]:

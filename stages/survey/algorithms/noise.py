@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import cv2
 import numpy as np
+
+from posegaussian.stages.imaging.noise import OCTAVES
 
 DARKEST, BRIGHTEST = 8, 247
 """sRGB values beyond which noise is cut off."""
@@ -20,9 +24,23 @@ QUIET, OF_QUIET = 0.25, 0.404
 normal differences."""
 
 
+def at_octaves(measure: Callable[..., float], *pictures: np.ndarray) -> np.ndarray:
+    """[OCTAVES] what `measure` says of pictures [h, w, 3] uint8 of one size: as they are, and made a half, a quarter
+    and an eighth as large by averaging pixels, as smaller pictures are made to work on. Below 3 px what it said last.
+    """
+    found: list[float] = []
+    for octave in range(OCTAVES):
+        size = tuple(n >> octave for n in pictures[0].shape[1::-1])
+        if min(size) < 3 and found:
+            found.append(found[-1])
+            continue
+        shrunk = [p if octave == 0 else cv2.resize(p, size, interpolation=cv2.INTER_AREA) for p in pictures]
+        found.append(measure(*shrunk))
+    return np.array(found)
+
+
 def noise_level(picture: np.ndarray) -> float:
-    """Standard deviation of a picture's noise, 1/255 sRGB, mean of the channels; [h, w, 3] uint8, never reduced: that
-    would take noise away.
+    """Standard deviation of a picture's noise, 1/255 sRGB, mean of the channels; [h, w, 3] uint8.
 
     The median of the Laplacian's deviation instead of Immerkaer's mean, so that edges do not count, over pixels that
     are neither nearly black nor nearly white, where noise is cut off; 0 where there are none. Fine texture counts as

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from posegaussian.stages.contract.io import Block
+from posegaussian.stages.imaging.noise import OCTAVES
 from posegaussian.stages.survey.algorithms.look import Look
 from posegaussian.stages.survey.measures.declaration import Measure, Sampled
 from posegaussian.storage.model.spec import ArraySpec
@@ -15,8 +16,8 @@ NAME = "survey/unrest"
 
 
 class UnrestLook(Look):
-    """[1] of one view: the median of `unrest.unrest` over a few pairs of consecutive frames; 0 of a view that is no
-    source, and of one with a single frame."""
+    """[4] of one view: the median of `noise.unrest` at every octave over a few pairs of consecutive frames; 0 of a view
+    that is no source, and of one with a single frame."""
 
     def __init__(self, s: Sampled) -> None:
         """Of a few frames and those after them."""
@@ -33,21 +34,22 @@ class UnrestLook(Look):
 
     def blocks(self) -> Iterator[Block]:
         """The median."""
-        from posegaussian.stages.survey.algorithms.noise import unrest
+        from posegaussian.stages.survey.algorithms.noise import at_octaves, unrest
 
         seen = self._pictures
-        found = [unrest(seen[a], seen[b]) for a, b in self._next.items() if a in seen and b in seen]
-        yield Block(NAME, np.array([np.median(found) if found else 0.0]), self._view)
+        found = [at_octaves(unrest, seen[a], seen[b]) for a, b in self._next.items() if a in seen and b in seen]
+        yield Block(NAME, np.median(found, axis=0) if found else np.zeros(OCTAVES), self._view)
 
 
 MEASURE = Measure(
     (
         ArraySpec(
             NAME,
-            ("view", "one"),
+            ("view", "octave"),
             "float64",
             "1/255",
-            "Standard deviation of the pictures' noise from one frame to the next, sRGB, median of 5 pairs.",
+            "Standard deviation of the pictures' noise from one frame to the next, sRGB, median of 5 pairs: as filmed,"
+            " and reduced to a half, a quarter and an eighth.",
             when=NAME,
             noted=True,
         ),

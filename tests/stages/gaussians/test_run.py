@@ -64,7 +64,7 @@ def test_depth_of_a_subject_at_rest_is_averaged_whatever_the_partition(person: P
         "depth/confidence": (depth > 0).astype(np.float16),
         "frames/mask": np.repeat(person.mask[:1], 9, axis=0),
         "frames/color": np.repeat(person.color[:1], 9, axis=0),
-        "survey/unrest": np.full((4, 1), 2.0),
+        "survey/unrest": np.full((4, 4), 2.0),
     }
     found = [
         run_stage(
