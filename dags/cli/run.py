@@ -190,7 +190,7 @@ def status(
     if failed_only:
         from posegaussian.dags.diagnostics.run_log import report_failed
 
-        raise typer.Exit(report_failed(session.archive, session.names(sequence or ()), console))
+        raise typer.Exit(report_failed(session, session.names(sequence or ()), console))
     from posegaussian.dags.diagnostics.profile import Spending
     from posegaussian.dags.diagnostics.status import every_standing
     from posegaussian.dags.planning.context import Context
@@ -249,7 +249,7 @@ def why(
     stale = [t for t in chosen if p.verdicts[t].state is not State.FRESH]
     short = partition is None and bool(stale) and stale[0].partition is not None
     place = {t: n for n, t in enumerate(dict.fromkeys([*not_fresh(p, stale), *chosen]))}  # what others wait for leads
-    found = [f for f in still_failed(session.archive, [p.context.sequence.name]) if f.task in place]
+    found = [f for f in still_failed(session, [p.context.sequence.name]) if f.task in place]
     failures = sorted(found, key=lambda f: place[f.task])
     for failure in failures[:1] if short else failures:
         label, when = failure.task.label(p.context.views.names), failure.when[:19].replace("T", " ")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,8 +15,11 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from posegaussian.dags.config.settings import load_configuration
+from posegaussian.dags.diagnostics.status import Planner
 from posegaussian.dags.humanize.text import number
-from posegaussian.dags.planning.plan import Plan
+from posegaussian.dags.planning.plan import Plan, State
+from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.tasks import Task
 from posegaussian.dags.runtime.events import (
     EffectPlanned,
@@ -34,7 +37,7 @@ from posegaussian.storage.archive.ledger import EVENTS, KEY, RUNS, run_events
 from posegaussian.storage.archive.receipts import ReceiptKey, read_receipt
 from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.files.write import refusals
-from posegaussian.storage.model.errors import NotWritten
+from posegaussian.storage.model.errors import ConfigError, NotWritten, UserError
 
 SETTINGS = "pipeline.yaml"
 """File of a run's effective settings, beside its events."""
@@ -96,7 +99,7 @@ class RunLog:
 
 @dataclass(frozen=True)
 class FailedTask:
-    """A task that failed and was not finished since."""
+    """A task that failed, was not finished since, and is still to be made."""
 
     task: Task
     error: str
@@ -109,9 +112,10 @@ class FailedTask:
     """Tasks that could not run because of it."""
 
 
-def still_failed(archive: Archive, names: Iterable[str]) -> list[FailedTask]:
-    """What failed in the sequences' last runs and has no newer receipt, newest first."""
-    wanted = set(names)
+def still_failed(planner: Planner, names: Iterable[str]) -> list[FailedTask]:
+    """What failed in the sequences' last runs, has no newer receipt, and would have to be made under the planner's
+    settings, newest first: going back to settings whose results are there leaves nothing to retry."""
+    archive, wanted = planner.archive, set(names)
     last: dict[Task, FailedTask] = {}
     for run, events in run_events(archive):
         for e in events:
@@ -126,7 +130,7 @@ def still_failed(archive: Archive, names: Iterable[str]) -> list[FailedTask]:
                 if name != "task_done" and task.sequence in wanted:
                     last[task] = FailedTask(task, str(e["error"]), str(e["time"]), run)
     failed = [f for f in last.values() if not _finished_since(archive, f)]
-    return sorted(failed, key=lambda f: f.when, reverse=True)
+    return sorted(_to_make(planner, failed), key=lambda f: f.when, reverse=True)
 
 
 def _finished_since(archive: Archive, failed: FailedTask) -> bool:
@@ -134,6 +138,39 @@ def _finished_since(archive: Archive, failed: FailedTask) -> bool:
     t = failed.task
     receipt = read_receipt(archive.sequence(t.sequence), ReceiptKey(*t[1:]))
     return receipt is not None and str(receipt.facts.get("started", "")) > failed.when
+
+
+def _to_make(planner: Planner, failed: Iterable[FailedTask]) -> Iterator[FailedTask]:
+    """Those of some failures that a plan has and does not hold fresh, along the camera paths of the run in which they
+    failed; all of a sequence that cannot be planned."""
+    open_tasks: dict[tuple[str, tuple[str, ...]], frozenset[Task] | None] = {}
+    for f in failed:
+        key = f.task.sequence, _paths_asked_for(planner.archive, f)
+        if key not in open_tasks:
+            open_tasks[key] = _open_tasks(planner, *key)
+        todo = open_tasks[key]
+        if todo is None or f.task in todo:
+            yield f
+
+
+def _open_tasks(planner: Planner, name: str, paths: tuple[str, ...]) -> frozenset[Task] | None:
+    """Needed tasks of a sequence that are not fresh; None where it cannot be planned."""
+    try:
+        plan = planner.plan(name, Selection(), paths)
+    except UserError:
+        return None
+    return frozenset(t for t, v in plan.verdicts.items() if v.state is not State.FRESH and t.stage not in plan.unneeded)
+
+
+def _paths_asked_for(archive: Archive, failed: FailedTask) -> tuple[str, ...]:
+    """Camera paths of the run in which a task failed, as they were asked for; () for the configured ones."""
+    file = archive.place(f"{RUNS}/{failed.run}/{SETTINGS}")
+    if failed.task.path is None or not file.is_file():
+        return ()
+    try:
+        return tuple(load_configuration(file).for_sequence(failed.task.sequence).rendering.paths or ())
+    except ConfigError:  # of another version of the program
+        return ()
 
 
 def retry_command(archive: Archive, sequences: Iterable[str], run: str | None = None) -> str:
@@ -166,14 +203,14 @@ def retries(archive: Archive, failed: Iterable[FailedTask]) -> list[str]:
     return [f"retry with: {retry_command(archive, sequences, run)}" for run, sequences in by_run.items()]
 
 
-def report_failed(archive: Archive, names: Iterable[str], console: Console) -> int:
+def report_failed(planner: Planner, names: Iterable[str], console: Console) -> int:
     """Print what is still failed and how to retry it; returns the exit status, 1 where there is anything."""
-    failed = still_failed(archive, names)
+    failed = still_failed(planner, names)
     if not failed:
         console.print("nothing failed that was not finished since", markup=False)
         return 0
     console.print(failed_table(failed))
-    for line in retries(archive, failed):
+    for line in retries(planner.archive, failed):
         console.print(line, markup=False, soft_wrap=True)
     return 1
 

@@ -6,7 +6,7 @@ there is not computed anew and methods share what they have in common.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -45,24 +45,39 @@ class Evaluation:
     """0 all done, 1 something failed, 130 interrupted: there are no results then."""
 
 
-def measurable(session: Session, globs: Sequence[str]) -> list[str]:
-    """Names of the sequences that a glob matches, all without globs, and that have held-out cameras; the others are
-    told.
+def measurable(session: Session, globs: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Names of the sequences that a glob matches, all without globs, and that have held-out cameras; and a sentence for
+    each that cannot be read. Those without held-out cameras are told.
 
     Raises ConfigError where none has any, ArchiveError where a glob matches none.
     """
-    names = session.names(globs)
-    contexts = {n: Context(session.archive.sequence(n), session.configuration.for_sequence(n), ()) for n in names}
-    blind = [n for n, c in contexts.items() if not c.held_out]
-    if len(blind) == len(names):
-        first, last = blind[0], contexts[blind[0]].capture.rig.names[-1]
-        alone = "" if len(blind) == 1 else f" and {first} alone"
-        raise ConfigError(
-            f"evaluate: {', '.join(blind)}: no held-out camera to measure against; name cameras to keep aside, for"
-            f" example --set 'views.held_out=[{last}]'{alone}"
-        )
+    seeing, blind, refused = list[str](), dict[str, str](), list[str]()
+    for name in session.names(globs):
+        try:
+            context = Context(session.archive.sequence(name), session.configuration.for_sequence(name), ())
+            if context.held_out:
+                seeing.append(name)
+            else:
+                blind[name] = context.capture.rig.names[-1]
+        except UserError as e:
+            refused.append(f"{name}: {e}")
+    if not seeing:
+        raise ConfigError("\n".join([*refused, *_without_camera(blind)]))
     session.say((f"{n}: left out, it has no held-out camera (views.held_out names some)" for n in blind), "yellow")
-    return [n for n in names if n not in blind]
+    return seeing, refused
+
+
+def _without_camera(blind: Mapping[str, str]) -> list[str]:
+    """What to do for sequences without a held-out camera, if there are any: {sequence: a camera that could be it}."""
+    if not blind:
+        return []
+    first, last = next(iter(blind.items()))
+    alone = "" if len(blind) == 1 else f" and {first} alone"
+    sentence = (
+        f"evaluate: {', '.join(blind)}: no held-out camera to measure against; name cameras to keep aside, for"
+        f" example --set 'views.held_out=[{last}]'{alone}"
+    )
+    return [sentence]
 
 
 def evaluate(session: Session, names: Sequence[str], methods: Sequence[Method]) -> Evaluation:
@@ -136,11 +151,13 @@ def protocol(contexts: dict[str, Context], results: Sequence[Result]) -> str:
 
 
 def run_evaluate(session: Session, globs: Sequence[str], methods: Sequence[Method], output: Path) -> int:
-    """The command: run, print the table, write it as Parquet, Markdown and LaTeX; returns the exit status.
+    """The command: run, print the table, write it as Parquet, Markdown and LaTeX; returns the exit status, 1 also where
+    a sequence could not be read: it is named, and the others are measured.
 
     Raises ConfigError and ArchiveError for sequences and settings that cannot be, NotWritten.
     """
-    names = measurable(session, globs)
+    names, refused = measurable(session, globs)
+    session.say(refused, "red")
     try:
         made = evaluate(session, names, methods)
     except UserError as e:
@@ -154,13 +171,12 @@ def run_evaluate(session: Session, globs: Sequence[str], methods: Sequence[Metho
     write_atomically(output / f"{NAME}.tex", "\n".join([*latex(made.results, made.protocol), ""]).encode())
     write_parquet(output / f"{NAME}.parquet", rows(made.results), {"protocol": made.protocol})
     session.say([f"table: {output / NAME}.md, .tex and .parquet (with every number's definition)"])
-    session.say([following(session, globs, methods)])
-    return made.status
+    session.say([following(session, globs, names[0], methods)])
+    return 1 if refused else made.status
 
 
-def following(session: Session, globs: Sequence[str], methods: Sequence[Method]) -> str:
+def following(session: Session, globs: Sequence[str], sequence: str, methods: Sequence[Method]) -> str:
     """The next useful command: other methods beside ours, else what seconds buy."""
     if [m.name for m in methods] == [OURS]:
         return next_command("evaluate", *globs, *session.options, "--methods", f"{OURS},hull")
-    sequence = measurable(session, globs)[0]
     return next_command("tradeoff", "--knob", "depth.method", "--sequence", sequence, *session.options)

@@ -22,19 +22,20 @@ if TYPE_CHECKING:
 
 
 def pictures(
-    results: Results, path: CameraPath, backdrop: Backdrop = BLACK
+    results: Results, path: CameraPath, backdrop: Backdrop = BLACK, cameras: range | None = None
 ) -> Iterator[tuple[int, int, np.ndarray, np.ndarray]]:
     """(frame index, camera, [h, w, 3] uint8 over the backdrop, [h, w] uint8 alpha) of all served pictures, frame by
-    frame.
+    frame; of some cameras no others are read.
 
     The padding of mixed sizes is cut off.
     """
-    name = path.name
-    alphas = results.iterate(f"rendering/{name}/alpha")
-    for (frame, color), (_, alpha) in zip(results.iterate(f"rendering/{name}/color"), alphas, strict=True):
-        for camera, (width, height) in enumerate(path.size):
+    chosen = range(len(path.names)) if cameras is None else cameras
+    colors, alphas = (results.iterate(f"rendering/{path.name}/{kind}", chosen) for kind in ("color", "alpha"))
+    for (frame, of_color), (_, of_alpha) in zip(colors, alphas, strict=True):
+        for camera, color, alpha in zip(chosen, of_color, of_alpha, strict=True):
             if path.served[frame, camera]:
-                shown, coverage = color[camera, :height, :width], alpha[camera, :height, :width]
+                width, height = path.size[camera]
+                shown, coverage = color[:height, :width], alpha[:height, :width]
                 behind = backdrop.behind(results, path, frame, camera)
                 yield frame, camera, shown if behind is None else over(shown, coverage, behind), coverage
 
@@ -63,7 +64,8 @@ def export_video(results: Results, path: CameraPath, file: Path, backdrop: Backd
     for camera, name in enumerate(path.names):
         if path.served[:, camera].any():
             own = file.with_name(f"{file.stem}_{name}{file.suffix}")
-            write_video(own, (picture for _, c, picture, _ in pictures(results, path, backdrop) if c == camera), rate)
+            its = pictures(results, path, backdrop, range(camera, camera + 1))
+            write_video(own, (picture for _, _, picture, _ in its), rate)
             written.append(own)
     return written
 

@@ -8,7 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from posegaussian.dags.humanize.text import number
+from posegaussian.dags.planning.variants import others
 from posegaussian.dags.runtime.run_registry import refuse_busy
+from posegaussian.storage.archive import set_aside
+from posegaussian.storage.archive.deletion import delete_folder
 from posegaussian.storage.archive.receipts import scan_receipts
 from posegaussian.storage.archive.store import Archive, SequenceGroup
 from posegaussian.storage.model.capture import Capture, SourceFile
@@ -57,7 +60,7 @@ def make_room(
     archive: Archive, name: str, is_same: Callable[[Capture], bool], what: str, replace: bool
 ) -> tuple[SequenceGroup | None, list[str]]:
     """The sequence that the import updates, or None where it makes a new one, and sentences; another capture under that
-    name is removed, if told so.
+    name is removed, if told so, with its variants and what is put aside of it.
 
     Raises ArchiveError for another capture without `replace`, LeaseHeld while a run works on what would be removed.
     """
@@ -70,8 +73,14 @@ def make_room(
             " give it a name of its own with --sequence, or put it in the other's place with --replace, which deletes"
             f" {_results(old)}"
         )
-    refuse_busy(old, "import --replace")
+    everywhere = others(old)
+    for sequence in everywhere:
+        refuse_busy(sequence, "import --replace")
     said = [f"replaced: {_told(old)}; deleted: {_results(old)}"]
+    for sequence in everywhere:
+        set_aside.clear_sequence(Archive(sequence.root.parent), name)
+    for beside in everywhere[1:]:
+        delete_folder(beside.root)
     # Receipts first: whatever is left when this is interrupted counts as not made.
     for child in sorted(old.root.iterdir(), key=lambda p: p != old.receipts):
         if child.is_dir() and not child.is_symlink():

@@ -209,6 +209,12 @@ def pictures_digest(context: Context, task: Task) -> str:
     return found[0] if task.view is not None else digest(found)
 
 
+def of_other_pictures(context: Context, task: Task, receipt: Receipt) -> bool:
+    """Whether a constant of the sequence was taken of other pictures than the capture has now; unknown of receipts of
+    earlier versions, which count as taken of the same."""
+    return receipt.facts.get("sources") not in (None, pictures_digest(context, task))
+
+
 def _keeps(book: Book, task: Task, selection: Selection, parts: Mapping[str, Any]) -> bool:
     """Whether a stale task will be taken over; the book counts on it from then on."""
     receipt = kept_result(book.context, task, selection, parts)
@@ -325,12 +331,10 @@ def _notes(context: Context, book: Book, fresh: Collection[Task]) -> tuple[str, 
     for s in STAGES:
         if not s.sequence_wide:
             continue
-        old = {t: r.facts.get("sources") for t, r in book.receipts.items() if t.stage == s.name}
-        now = {t: pictures_digest(context, t) for t in tasks_of(context, s) if t in fresh}
         changed = [
             "a source view" if t.view is None else context.views.names[t.view]
-            for t, d in now.items()
-            if old.get(t) not in (None, d)
+            for t in tasks_of(context, s)
+            if t in fresh and of_other_pictures(context, t, book.receipts[t])
         ]
         if changed:
             found.append(

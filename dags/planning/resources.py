@@ -11,6 +11,7 @@ import subprocess
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -51,9 +52,13 @@ class Pool:
 
 
 def visible_gpus() -> list[str]:
-    """Indices of the NVIDIA devices of this machine, without importing torch or making a context."""
+    """Indices of the NVIDIA devices of this machine, without importing torch or making a context.
+
+    Of `CUDA_VISIBLE_DEVICES` those before the first negative one, as CUDA reads it: -1 hides all.
+    """
     if "CUDA_VISIBLE_DEVICES" in os.environ:
-        return [d for d in os.environ["CUDA_VISIBLE_DEVICES"].split(",") if d.strip()]
+        named = [d.strip() for d in os.environ["CUDA_VISIBLE_DEVICES"].split(",")]
+        return [d for d in takewhile(lambda d: not d.startswith("-"), named) if d]
     return (_nvidia_smi("--query-gpu=index", "--format=csv,noheader") or "").split()
 
 

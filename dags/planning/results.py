@@ -41,9 +41,17 @@ class Results:
         """Views of which any partition of an array is finished, ascending."""
         return sorted({view for _, view in self._outputs.get(array, {}) if view is not None})
 
-    def read(self, array: str, frames: range, view: int | None = None, first: int | None = None) -> np.ndarray:
-        """[len(frames), ...] of one view; of a list the `first` so many entries, or all. Raises ShardMissing where a
-        partition is not finished, or was made of other source frames than the context's."""
+    def read(
+        self,
+        array: str,
+        frames: range,
+        view: int | None = None,
+        first: int | None = None,
+        cameras: range | None = None,
+    ) -> np.ndarray:
+        """[len(frames), ...] of one view; of a list the `first` so many entries, or all, of a path's cameras those of a
+        range, or all. Raises ShardMissing where a partition is not finished, or was made of other source frames than
+        the context's."""
         outputs = self._outputs.get(array)
         if outputs is None:
             raise ShardMissing(f"array {array} of sequence {self.context.sequence.name} was never made; run first")
@@ -54,7 +62,7 @@ class Results:
                     f" set keep: {{{array}: always}} and `run --force` the stage that makes it"
                 )
             self._refuse_other_frames(array, frames, p, view)
-        return read_frames(self.context.sequence, array, outputs, self.context.grid, frames, view, first)
+        return read_frames(self.context.sequence, array, outputs, self.context.grid, frames, view, first, cameras)
 
     def _refuse_other_frames(self, array: str, frames: range, partition: int, view: int | None) -> None:
         """Raise ShardMissing where a partition was made of other source frames than those of `frames` that are in it:
@@ -71,11 +79,12 @@ class Results:
             f" '{context.settings.frames.range}', to make it"
         )
 
-    def iterate(self, array: str, view: int | None = None) -> Iterator[tuple[int, np.ndarray]]:
-        """(frame index, [...]) of all frames, one partition in memory at a time."""
+    def iterate(self, array: str, cameras: range) -> Iterator[tuple[int, np.ndarray]]:
+        """(frame index, [len(cameras), ...]) of all frames of some of a path's cameras, one partition in memory at a
+        time."""
         for partition in self.context.grid.partitions:
             frames = self.context.grid.bounds(partition)
-            yield from zip(frames, self.read(array, frames, view), strict=True)
+            yield from zip(frames, self.read(array, frames, cameras=cameras), strict=True)
 
     def table(self, template: str, path: str) -> list[dict[str, Any]]:
         """All rows of a table, with the partition's order kept."""

@@ -4,13 +4,13 @@ nothing."""
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
+from pathlib import Path
 
 from posegaussian.dags.planning.plan import Plan, State
 from posegaussian.stages.registry import STAGES
 from posegaussian.storage.archive import set_aside
 from posegaussian.storage.archive.deletion import bytes_of
 from posegaussian.storage.archive.receipts import Receipt
-from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.model.spec import ArraySpec
 
 
@@ -44,9 +44,12 @@ def destroyed(plan: Plan) -> set[str]:
     return found
 
 
-def put_aside(plan: Plan, room: int) -> None:
-    """Link what the run replaces beside the sequence, and delete of all that lies there what was not used for the
-    longest time, down to `room` bytes."""
+def put_aside(plan: Plan, room: int) -> dict[Path, int]:
+    """Link what the run replaces beside the sequence, where there is room for anything.
+
+    Returns {folder: bytes} of what lies aside and will take other bytes than now, as what it links to is replaced or
+    taken over: what `shrink` of the archive is to be told.
+    """
     sequence = plan.context.sequence
     for task, receipt in plan.book.receipts.items():
         if plan.selection.forced(task.stage) is not None:  # whoever forces a stage does not trust what it made
@@ -56,4 +59,4 @@ def put_aside(plan: Plan, room: int) -> None:
         set_aside.put(sequence, receipts)
     going = {set_aside.place_of(sequence, r): sum(bytes_of(o.files) for o in r.outputs) for r in receipts}
     coming_back = {set_aside.place_of(sequence, r): 0 for r in plan.book.kept.values()}
-    set_aside.shrink(Archive(sequence.root.parent), room, going | coming_back)
+    return going | coming_back

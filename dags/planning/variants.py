@@ -15,13 +15,22 @@ from typing import Any, TypeAlias
 
 from posegaussian.dags.planning.context import Context, make_context
 from posegaussian.dags.planning.fingerprint import still_good
-from posegaussian.dags.planning.plan import Plan, State, judge, make_plan, pictures_digest
+from posegaussian.dags.planning.plan import Plan, State, judge, make_plan, of_other_pictures, pictures_digest
 from posegaussian.dags.planning.selection import Selection
-from posegaussian.dags.planning.tasks import Task
+from posegaussian.dags.planning.tasks import Task, tasks_of
+from posegaussian.stages.registry import STAGES
 from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.archive.array_metadata import copy_description
 from posegaussian.storage.archive.chunk_keys import named_as_in
-from posegaussian.storage.archive.receipts import Receipt, missing_files, scan_receipts, write_receipt
+from posegaussian.storage.archive.receipts import (
+    Receipt,
+    ReceiptKey,
+    missing_files,
+    read_receipt,
+    remove_receipt,
+    scan_receipts,
+    write_receipt,
+)
 from posegaussian.storage.archive.records import record_text
 from posegaussian.storage.archive.store import Archive, SequenceGroup
 from posegaussian.storage.files.names import folders_in
@@ -70,11 +79,25 @@ def settled_variant(
     partition_frames: int | None = None,
 ) -> Context:
     """A variant that has taken over all it can; what a survey says may settle more, so the context is made until
-    nothing comes."""
+    nothing comes.
+
+    Constants of other pictures than the capture has now are not its own any more: the user's sequence keeps them until
+    it is told otherwise, but nobody can tell a variant, and a new one would not take them over.
+    """
+    _forget_other_pictures(variant(origin, settings, different, paths, partition_frames))
     while True:
         context = variant(origin, settings, different, paths, partition_frames)
         if not share(context, others(origin)):
             return context
+
+
+def _forget_other_pictures(context: Context) -> None:
+    """Remove the receipts of a variant's constants that were taken of other pictures than the capture has now."""
+    for stage in (s for s in STAGES if s.sequence_wide):
+        for task in tasks_of(context, stage):
+            receipt = read_receipt(context.sequence, ReceiptKey(*task[1:]))
+            if receipt is not None and of_other_pictures(context, task, receipt):
+                remove_receipt(context.sequence, *task[1:])
 
 
 def variants(archive: Archive) -> list[Archive]:

@@ -85,7 +85,7 @@ class Account:
 
 def accounts(session: Session, names: Sequence[str]) -> Iterator[Account]:
     """Of every sequence in turn, those that cannot be read too: these say why."""
-    spent, failed = _seconds(session), _failed(session.archive, names)
+    spent, failed = _seconds(session), _failed(session, names)
     for name in names:
         try:
             yield _account(session, name, spent.get(name, {}), failed[name], bytes_each(len(names)))
@@ -139,10 +139,10 @@ def _as_asked(plan: Plan) -> Book:
     return replace(plan.book, receipts=asked)
 
 
-def _failed(archive: Archive, names: Sequence[str]) -> defaultdict[str, list[FailedTask]]:
+def _failed(session: Session, names: Sequence[str]) -> defaultdict[str, list[FailedTask]]:
     """{sequence: what failed in it}, by one reading of the logs."""
     found: defaultdict[str, list[FailedTask]] = defaultdict(list)
-    for task in still_failed(archive, [name for name in names if _readable(archive, name)]):
+    for task in still_failed(session, [name for name in names if _readable(session.archive, name)]):
         found[task.task.sequence].append(task)
     return found
 

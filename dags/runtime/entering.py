@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 
 from posegaussian.dags.planning.plan import Plan
-from posegaussian.dags.planning.set_aside import put_aside
 from posegaussian.dags.runtime import run_registry
 from posegaussian.dags.runtime.ordering import needed_arrays, prepare
 from posegaussian.dags.runtime.work_order import RunTerms
@@ -27,8 +26,6 @@ def enter(plan: Plan, terms: RunTerms) -> Lease:
     here = Lease.take(run_registry.folder(sequence) / f"{terms.run}{SUFFIX}", terms.run, "driver", terms.lease)
     try:
         run_registry.sweep(sequence, terms)
-        if terms.kept is not None:
-            put_aside(plan, terms.kept)
         make_arrays(plan, terms)
     except BaseException:
         here.drop()

@@ -6,13 +6,16 @@ from __future__ import annotations
 import heapq
 import time
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from posegaussian.dags.planning.effects import EffectVerdict
 from posegaussian.dags.planning.plan import Plan, State, TaskVerdict, judge, kept_result, take_decisions
 from posegaussian.dags.planning.receipt_index import Book
 from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.planning.set_aside import put_aside
 from posegaussian.dags.planning.tasks import Task, deciding, dependencies, tasks
 from posegaussian.dags.provenance import builds
 from posegaussian.dags.provenance.code_digest import code_digest
@@ -39,6 +42,7 @@ from posegaussian.stages.registry import STAGES
 from posegaussian.storage.archive import set_aside
 from posegaussian.storage.archive.lease import Lease
 from posegaussian.storage.archive.receipts import Receipt, ReceiptKey, damaged_files
+from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.model.errors import LeaseHeld, LeaseLost, OtherCode, SchedulerLost
 from posegaussian.storage.model.spec import digest
 
@@ -98,6 +102,7 @@ class Run:
         self.tell(RunStarted(tuple(self.order), self.backend.sentences))
         try:
             self._link()
+            self._put_aside()
             for plan in self.plans.values():
                 self._enter(plan)
             self._loop()
@@ -131,21 +136,42 @@ class Run:
             self.backend.close(hard=True)
             raise
 
+    def _put_aside(self) -> None:
+        """Put aside what the run replaces, sequence by sequence, then keep what lies there to its budget: once, as
+        that looks at all of the archive."""
+        room = self.rules.terms.kept
+        if room is None:
+            return
+        plans, changing = [p for p in self.plans.values() if not p.all_fresh], dict[Path, int]()
+        for plan in plans:
+            with self._or_without(plan):
+                changing.update(put_aside(plan, room))
+        for root in {p.context.sequence.root.parent for p in plans}:
+            with self._or_without(*plans):
+                set_aside.shrink(Archive(root), room, changing)
+
+    @contextmanager
+    def _or_without(self, *plans: Plan) -> Iterator[None]:
+        """Where what is done for some sequences fails, the first open task of each fails and the others go on."""
+        try:
+            yield
+        except Exception as e:
+            for plan in plans:
+                first = _first_open(plan)
+                if first is not None and first not in self.ended:
+                    self._fail(first, failure(e))
+                    for task in plan.verdicts:
+                        self._block(task, first)
+
     def _enter(self, plan: Plan) -> None:
-        """Make a sequence's arrays and begin with it; where that fails, its first open task fails and the other
-        sequences go on."""
-        first = next((t for t, v in plan.verdicts.items() if v.state is not State.FRESH), None)
-        if first is not None:
-            try:
+        """Make a sequence's arrays and begin with it."""
+        first = _first_open(plan)
+        if first is not None and first not in self.ended:
+            with self._or_without(plan):
                 self.presences.append(enter(plan, self.rules.terms))
                 plan.book = Book.open(plan.context, plan.book.held)
-            except Exception as e:
-                self._fail(first, failure(e))
-                for task in plan.verdicts:
-                    self._block(task, first)
-                return
         for task in plan.verdicts:
-            if not self.waiting[task]:
+            if not self.waiting[task] and task not in self.ended:
                 self._push(task)
 
     def _link(self) -> None:
@@ -399,3 +425,8 @@ class Run:
             self.ended[t] = "blocked" if allowed else "left_out"
             self.tell(TaskBlocked(t, by) if allowed else TaskLeftOut(t))
             todo += self.dependents[t]
+
+
+def _first_open(plan: Plan) -> Task | None:
+    """The first task of a plan that is not fresh."""
+    return next((t for t, v in plan.verdicts.items() if v.state is not State.FRESH), None)

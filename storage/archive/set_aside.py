@@ -224,6 +224,11 @@ def clear(archive: Archive) -> None:
     delete_folder(archive.place(FOLDER))
 
 
+def clear_sequence(archive: Archive, name: str) -> None:
+    """Delete all that is put aside of one sequence. Raises Unsafe for a link in its folder's place."""
+    delete_folder(archive.place(f"{FOLDER}/{name}"))
+
+
 def _sweep(archive: Archive) -> None:
     """Delete what a kill left half made or half deleted, once it is surely nobody's."""
     old = time.time() - SETTLED_SECONDS

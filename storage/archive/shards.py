@@ -136,11 +136,16 @@ def _whole_pieces(data: np.ndarray, dims: Sequence[str], lengths: Mapping[str, t
     return np.pad(data, [(0, max(0, whole - n) if i == axis else 0) for i, n in enumerate(data.shape)])
 
 
-def _index(dims: Iterable[str], span: range, view: int | None, first: int | None) -> tuple[slice | int, ...]:
-    """Of the frames of a span and one view, if there are views, in an array; of a list the first so many, or all."""
+def _index(
+    dims: Iterable[str], span: range, view: int | None, first: int | None, cameras: range | None = None
+) -> tuple[slice | int, ...]:
+    """Of the frames of a span and one view, if there are views, in an array; of a list the first so many, or all; of a
+    path's cameras those of a range, or all."""
     own: dict[str, slice | int] = {"frame": slice(span.start, span.stop), LISTED: slice(first)}
     if view is not None:
         own["view"] = view
+    if cameras is not None:
+        own["camera"] = slice(cameras.start, cameras.stop)
     return tuple(own.get(d, slice(None)) for d in dims)
 
 
@@ -209,11 +214,12 @@ def read_array(
     view: int | None,
     files: Iterable[ShardFile],
     first: int | None = None,
+    cameras: range | None = None,
 ) -> np.ndarray:
     """Read the frames of `span` of one view, after checking the shards that hold them.
 
     Returns [len(span), ...] without the view axis (without the frame axis for arrays that have none); of a list the
-    `first` so many entries, or all.
+    `first` so many entries, or all; of the cameras of a path some that follow each other, or all.
 
     Raises:
         ShardMissing, ShardCorrupt: also when a checksum inside a shard does not match, the array ends before the span
@@ -222,7 +228,7 @@ def read_array(
     files = tuple(files)
     verify_files(sequence, files)
     array = _open(sequence, name, "r")
-    index = _index(dims, span, view, first)
+    index = _index(dims, span, view, first, cameras)
     refuse_huge(
         name,
         [len(range(*i.indices(n))) for i, n in zip(index, array.shape, strict=True) if isinstance(i, slice)],
@@ -257,9 +263,10 @@ def read_frames(
     frames: range,
     view: int | None = None,
     first: int | None = None,
+    cameras: range | None = None,
 ) -> np.ndarray:
     """Read frames of an array that a run wrote, for export and inspection: [len(frames), ...], of a list the `first` so
-    many entries, or all.
+    many entries, or all, of a path's cameras those of a range, or all.
 
     `outputs` maps (partition, view) to what the receipts promise. Raises ShardMissing where a partition has none, and
     ShardMissing and ShardCorrupt as `read_array` does.
@@ -273,4 +280,4 @@ def read_frames(
             )
         files += output.files
     dims = tuple(_open(sequence, name, "r").metadata.dimension_names or ())
-    return read_array(sequence, name, dims, frames, view, files, first)
+    return read_array(sequence, name, dims, frames, view, files, first, cameras)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import shlex
 from pathlib import Path
 
@@ -46,13 +47,13 @@ def failed(finished: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 
 def test_a_failure_is_shown_until_a_run_mends_it(failed: Pipeline) -> None:
     archive = Archive(failed.root)
-    (one,) = still_failed(archive, [NAME])
+    (one,) = still_failed(failed.session, [NAME])
     assert (one.task.stage, one.task.partition) == ("depth", 1)
     assert "cosmic ray" in one.error
     assert one.blocked == 4, (
         "gaussians, rendering and metrics of the partition, and metrics of the next one, which looks a frame back"
     )
-    assert still_failed(archive, ["another"]) == []
+    assert still_failed(failed.session, ["another"]) == []
     shown = CliRunner().invoke(app, ["status", "--failed", "--archive", str(failed.root), *COMMON])
     assert shown.exit_code == 1
     assert "depth p0001" in shown.output
@@ -62,7 +63,7 @@ def test_a_failure_is_shown_until_a_run_mends_it(failed: Pipeline) -> None:
     assert "cosmic ray" in row["error"]
 
     assert failed.session.run_and_report([failed.plan()], Selection()) == 0
-    assert still_failed(archive, [NAME]) == []
+    assert still_failed(failed.session, [NAME]) == []
     assert [r["mended"] for r in ledger.read(archive) if r["state"] == "failed"] == [True]
     assert (
         "nothing failed"
@@ -71,7 +72,7 @@ def test_a_failure_is_shown_until_a_run_mends_it(failed: Pipeline) -> None:
 
 
 def test_the_retry_command_does_what_failed_under_the_settings_of_that_run(failed: Pipeline) -> None:
-    (one,) = still_failed(Archive(failed.root), [NAME])
+    (one,) = still_failed(failed.session, [NAME])
     (line,) = retries(Archive(failed.root), [one])
     words = shlex.split(line.removeprefix("retry with: "))
     assert words[:2] == ["posegaussian", "run"]
@@ -82,7 +83,44 @@ def test_the_retry_command_does_what_failed_under_the_settings_of_that_run(faile
 
 def test_a_mended_failure_whose_log_is_gone_is_known_by_its_receipt(failed: Pipeline) -> None:
     failed.run()  # without a log
-    assert still_failed(Archive(failed.root), [NAME]) == []
+    assert still_failed(failed.session, [NAME]) == []
+
+
+def failing(monkeypatch: pytest.MonkeyPatch, stage: str) -> None:
+    """Every task of a stage, by the folder of its kernel, fails."""
+
+    def fail(inputs: object, params: object) -> object:
+        raise RuntimeError("another cosmic ray")
+
+    monkeypatch.setattr(importlib.import_module(f"posegaussian.stages.{stage}.run"), "run", fail)
+
+
+def test_going_back_to_settings_whose_results_are_there_leaves_nothing_to_retry(
+    finished: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing is computed, so no receipt is newer than the failure."""
+    good = finished.copy(tmp_path / "archive")
+    other = good.with_settings("depth.method=hull")
+    with monkeypatch.context() as m:
+        failing(m, "depth")
+        assert other.session.run_and_report([other.plan()], Selection()) == 1
+    count = len(good.context().grid.partitions)
+    assert len(still_failed(good.session, [NAME])) == count, "what was there went aside"
+    assert good.session.run_and_report([good.plan()], Selection()) == 0
+    assert still_failed(good.session, [NAME]) == []
+    assert len(still_failed(other.session, [NAME])) == count, "under those settings they are still to be made"
+    assert len(still_failed(other.with_settings("frames.range=0:2").session, [NAME])) == 1, "others are not asked for"
+
+
+def test_a_camera_path_that_was_asked_for_once_is_still_failed(
+    finished: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    archive = finished.copy(tmp_path / "archive")
+    with monkeypatch.context() as m:
+        failing(m, "peers")
+        assert archive.session.run_and_report([archive.plan("still cam01")], Selection()) == 1
+    failed = still_failed(archive.session, [NAME])
+    assert {f.task.path for f in failed} == set(archive.context("still cam01").paths)
 
 
 def test_names_with_blanks_survive_a_shell(tmp_path: Path) -> None:

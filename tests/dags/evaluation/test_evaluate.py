@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -212,6 +213,21 @@ def test_sentences_for_what_cannot_be(finished: Pipeline) -> None:
         ConfigError, match=r"person: no held-out camera to measure against; .*views\.held_out=\[mid00\]"
     ):
         measurable(blind.session, [])
+
+
+def test_a_sequence_that_cannot_be_read_is_named_and_the_others_are_measured(evaluated: tuple, tmp_path: Path) -> None:
+    archive = evaluated[0].copy(tmp_path / "archive")
+    (archive.root / "broken").mkdir()
+    (archive.root / "broken/zarr.json").write_text((archive.root / NAME / "zarr.json").read_text()[:-200])
+    done = posegaussian("evaluate", *archive.options, "--methods", f"{OURS},hull", "--output", "out", cwd=tmp_path)
+    assert done.returncode == 1, done.stdout + done.stderr
+    (named,) = [line for line in done.stdout.splitlines() if line.startswith("broken: ")]
+    assert "import the capture again" in named
+    table = pq.read_table(tmp_path / "out/evaluation.parquet").to_pylist()
+    assert {(r["sequence"], r["method"]) for r in table} == {(NAME, OURS), (NAME, "hull")}
+    shutil.rmtree(archive.root / NAME)
+    with pytest.raises(ConfigError, match=r"^broken: "):
+        measurable(archive.session, [])
 
 
 def test_the_command_writes_three_files_and_ends_with_the_next_one(evaluated: tuple, tmp_path: Path) -> None:

@@ -9,13 +9,17 @@ import numpy as np
 import pytest
 
 from posegaussian.dags.export.background import Backdrop, filling, over, parse, turned
+from posegaussian.dags.export.pictures import export_video, pictures
 from posegaussian.dags.export.request import ExportOrder
+from posegaussian.dags.planning.results import Results
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.stages.simulator.subjects.capsule_person import capture_person
+from posegaussian.storage.archive import shards
 from posegaussian.storage.exporters.images_layout import write_capture
+from posegaussian.storage.exporters.video import write_video
 from posegaussian.storage.model.errors import ConfigError
 from posegaussian.storage.readers.images import read_picture, write_png
-from tests.support.pipeline import NAME, Pipeline
+from tests.support.pipeline import NAME, Pipeline, film
 
 SIZE = 48
 
@@ -146,3 +150,29 @@ def test_a_picture_fills_the_frame_from_its_middle() -> None:
     wide[:, 15:25] = 255
     np.testing.assert_array_equal(filling(wide, (10, 10)), np.full((10, 10, 3), 255))
     assert filling(wide, (33, 21)).shape == (21, 33, 3)
+
+
+def test_the_video_of_each_camera_reads_and_fills_its_own_pictures_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And says what those of all cameras, taken apart, say."""
+    film(tmp_path / "capture", views=3, size=32, frames=4, held_out=2)
+    p = Pipeline(tmp_path / "archive", tmp_path / "capture", ["depth.method=hull"], held_out="[mid00,mid01]")
+    p.register()
+    p.run()
+    context, backdrop = p.context(), Backdrop("color", (9, 90, 200))
+    results, (path,) = Results(context), context.paths.values()
+    apart = [[picture for _, c, picture, _ in pictures(results, path, backdrop) if c == camera] for camera in range(2)]
+    filled, read = [], []
+    plain = shards.read_array
+    monkeypatch.setattr(shards, "read_array", lambda *words: read.append(plain(*words)) or read[-1])
+    monkeypatch.setattr(
+        "posegaussian.dags.export.pictures.over", lambda *layers: filled.append(layers) or over(*layers)
+    )
+    written = export_video(results, path, tmp_path / "out.mp4", backdrop)
+    assert [f.name for f in written] == ["out_mid00.mp4", "out_mid01.mp4"]
+    assert len(filled) == sum(map(len, apart)) == 8
+    assert {a.shape[1] for a in read} == {1}
+    for file, own in zip(written, apart, strict=True):
+        write_video(tmp_path / "own.mp4", own, context.capture.frame_rate)
+        assert file.read_bytes() == (tmp_path / "own.mp4").read_bytes()

@@ -13,7 +13,11 @@ from posegaussian.dags.importing.register import find_capture, register
 from posegaussian.dags.planning.fingerprint import own_parts
 from posegaussian.dags.planning.plan import State
 from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.planning.variants import settled_variant
+from posegaussian.storage.archive import set_aside
 from posegaussian.storage.archive.lease import Lease
+from posegaussian.storage.archive.receipts import scan_receipts
+from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.model.crop import Crop
 from posegaussian.storage.model.errors import ArchiveError, ConfigError, LeaseHeld
 from posegaussian.storage.model.spec import digest
@@ -124,6 +128,19 @@ def test_replacing_leaves_nothing_of_the_other_capture(two: tuple[Pipeline, Pipe
     assert new.context().capture.rig.names == ("cam00", "cam01", "mid00")
     assert {r for v in new.plan().verdicts.values() for r in v.reasons if v.state is State.STALE} == {"never made"}
     assert not (new.root / NAME / "frames").exists()
+
+
+def test_replacing_takes_variants_and_what_lies_aside_along(two: tuple[Pipeline, Pipeline]) -> None:
+    old, new = two
+    context = old.context()
+    beside = settled_variant(context.sequence, context.settings, {"of": "a test"}, ()).sequence
+    for sequence in (context.sequence, beside):
+        assert set_aside.put(sequence, scan_receipts(sequence))
+    places = [a.place(f"{set_aside.FOLDER}/{NAME}") for a in (old.session.archive, Archive(beside.root.parent))]
+    assert all(p.is_dir() for p in (beside.root, *places))
+    register_again(new, replace=True)
+    assert not any(p.exists() for p in (beside.root, *places))
+    assert beside.root.parent.is_dir(), "other sequences may have variants there"
 
 
 def test_replacing_waits_for_no_run_and_takes_nothing_from_it(two: tuple[Pipeline, Pipeline]) -> None:

@@ -4,6 +4,7 @@ dies in between."""
 from __future__ import annotations
 
 import os
+import shutil
 from pathlib import Path
 from types import SimpleNamespace
 from uuid import uuid4
@@ -14,6 +15,7 @@ import pytest
 from posegaussian.dags.maintenance import garbage_collection
 from posegaussian.dags.planning.plan import TAKEN_OVER, Plan, State
 from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.runtime import scheduler
 from posegaussian.dags.runtime.events import Event, RunEnded, TaskDone, TaskFailed
 from posegaussian.dags.runtime.executors.serial import SerialBackend
 from posegaussian.dags.runtime.in_flight import Rules
@@ -53,12 +55,14 @@ def a(made: Pipeline, tmp_path: Path) -> Pipeline:
     return made.copy(tmp_path / "archive")
 
 
-def run(p: Pipeline, room: int = ROOM, selection: Selection | None = None) -> tuple[int, int]:
+def run(
+    p: Pipeline, room: int = ROOM, selection: Selection | None = None, names: tuple[str, ...] = (NAME,)
+) -> tuple[int, int]:
     """(tasks that were computed, tasks that were taken over)."""
     selection = selection or Selection()
     events: list[Event] = []
     Run(
-        [p.plan(selection=selection)],
+        [p.session.plan(name, selection) for name in names],
         selection,
         SerialBackend(),
         [events.append],
@@ -121,6 +125,50 @@ def test_a_run_without_a_budget_leaves_what_lies_aside(a: Pipeline) -> None:
     before = {e.folder for e in aside(a)}
     a.with_settings("rendering.sources=3").run()
     assert {e.folder for e in aside(a)} == before
+
+
+def several(p: Pipeline) -> tuple[str, ...]:
+    """Two more sequences like the archive's; names of all three."""
+    names = (NAME, "second", "third")
+    for name in names[1:]:
+        shutil.copytree(p.root / NAME, p.root / name)
+        assert p.session.plan(name, Selection()).all_fresh
+    return names
+
+
+def test_however_many_sequences_there_are_what_lies_aside_is_looked_at_once_and_keeps_to_the_budget(
+    a: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names, looked = several(a), []
+    plain = set_aside.entries
+    monkeypatch.setattr(set_aside, "entries", lambda archive: looked.append(archive) or plain(archive))
+    run(a.with_settings("rendering.sources=1"), names=names)
+    assert len(looked) == 1
+    every = aside(a)
+    assert {e.folder.parent.name for e in every} == set(names)
+    room = sum(e.own for e in every)
+    run(a.with_settings("rendering.sources=3"), room=room, names=names)
+    assert 0 < sum(e.own for e in aside(a)) <= room
+    assert len(looked) == 4, "twice by this test"
+
+
+def test_what_one_sequence_cannot_put_aside_stops_no_other(a: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
+    names, events = several(a), list[Event]()
+    plain = scheduler.put_aside
+
+    def refuse(plan: Plan, room: int) -> dict[Path, int]:
+        if plan.context.sequence.name == "second":
+            raise PermissionError("not there")
+        return plain(plan, room)
+
+    monkeypatch.setattr(scheduler, "put_aside", refuse)
+    b = a.with_settings("rendering.sources=1")
+    plans = [b.session.plan(name, Selection()) for name in names]
+    rules = Rules(RunTerms(uuid4().hex, kept=ROOM))
+    ended = Run(plans, Selection(), SerialBackend(), [events.append], rules=rules).go()
+    assert {e.task.sequence for e in events if isinstance(e, TaskFailed)} == {"second"}
+    assert {e.task.sequence for e in events if isinstance(e, TaskDone)} == {NAME, "third"}
+    assert ended.failed == 1
 
 
 def test_what_was_not_used_for_the_longest_time_goes_first(a: Pipeline) -> None:

@@ -90,3 +90,16 @@ def test_the_driver_is_asked_once(monkeypatch: pytest.MonkeyPatch) -> None:
     assert [resources.visible_gpus() for _ in range(3)] == [["0", "1"]] * 3
     assert len(asked) == 1
     resources._nvidia_smi.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("hidden", "seen"),
+    [("-1", []), ("", []), ("0, 1", ["0", "1"]), ("1,-1,0", ["1"]), ("GPU-8a,MIG-b", ["GPU-8a", "MIG-b"])],
+)
+def test_no_device_from_the_first_negative_one_on_is_seen(
+    hidden: str, seen: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As CUDA reads it: a worker for a device that nobody sees would fail all its tasks."""
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", hidden)
+    assert resources.visible_gpus() == seen
+    assert (GPU in local_pools(RunSettings())) == bool(seen)

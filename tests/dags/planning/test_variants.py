@@ -11,9 +11,11 @@ from posegaussian.dags.planning.plan import make_plan
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.variants import settled_variant
 from posegaussian.dags.runtime.executors.inline_run import run_here
+from posegaussian.storage.archive.receipts import scan_receipts
 from tests.support.pipeline import NAME, Pipeline, assert_same_content, content, film
 
 DEPTH = Selection(only=frozenset({"frames", "depth"}))
+SURVEY = Selection(only=frozenset({"survey"}))
 
 
 @pytest.fixture(scope="module")
@@ -53,3 +55,44 @@ def test_of_another_length_everything_is_made_as_a_sequence_registered_so_makes_
     again = beside(made, 1, "once more")
     assert not run_here(make_plan(again, DEPTH), DEPTH), "of its own length it takes over what another one made"
     assert again.sequence.name == NAME
+
+
+@pytest.fixture
+def surveyed(tmp_path: Path) -> Pipeline:
+    """Two frames with plates from the survey, and a variant that took these over."""
+    film(tmp_path / "capture", views=3, size=32, frames=2, held_out=0, masks=False, depth=False)
+    pipeline = Pipeline(tmp_path / "archive", tmp_path / "capture", ["frames.matte=plate"], held_out="[]")
+    pipeline.register()
+    pipeline.run(selection=SURVEY)
+    assert constants(beside(pipeline, None, "before")) == constants(pipeline.context())
+    return pipeline
+
+
+def film_again(pipeline: Pipeline) -> None:
+    """Other pictures in the old ones' place."""
+    film(pipeline.folder, views=3, size=32, frames=2, held_out=0, motion="wave", masks=False, depth=False)
+    pipeline.register()
+
+
+def constants(context: Context) -> dict[int | None, dict]:
+    """{view: digests} of what was surveyed."""
+    found = {r.view: r.contents for r in scan_receipts(context.sequence) if r.stage == "survey"}
+    return dict(sorted(found.items(), key=str))
+
+
+def test_a_survey_that_is_taken_anew_is_the_variants_too(surveyed: Pipeline) -> None:
+    old = constants(surveyed.context())
+    film_again(surveyed)
+    assert any("taken before the pictures" in note for note in surveyed.plan().notes)
+    surveyed.run(selection=Selection(only=frozenset({"survey"}), start="survey"))
+    assert constants(surveyed.context()) != old
+    variant = beside(surveyed, None, "before")
+    assert constants(variant) == constants(surveyed.context())
+    assert not [note for note in make_plan(variant).notes if "taken before the pictures" in note]
+
+
+def test_a_variant_has_no_survey_of_other_pictures_while_the_sequence_keeps_its_own(surveyed: Pipeline) -> None:
+    old = constants(surveyed.context())
+    film_again(surveyed)
+    assert not constants(beside(surveyed, None, "before")), "as if it were made now"
+    assert constants(surveyed.context()) == old, "the user's own stays until told otherwise"
