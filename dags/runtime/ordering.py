@@ -14,13 +14,14 @@ from posegaussian.dags.planning.receipt_index import Book
 from posegaussian.dags.planning.task_cost import load, needs_of
 from posegaussian.dags.planning.tasks import Task, inputs, path_frames, producer, source_spans, worked_frames
 from posegaussian.dags.runtime.work_order import ArrayReading, Promise, WorkOrder
+from posegaussian.stages.contract.declaration import Stage
 from posegaussian.stages.contract.io import TaskScope
 from posegaussian.stages.registry import STAGES
 from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.archive.array_metadata import ForeignArray, read_metadata
 from posegaussian.storage.archive.receipts import ReceiptKey, ShardFile
 from posegaussian.storage.model.cameras import INTRINSICS_AXES, POSE_AXES, CameraPath
-from posegaussian.storage.model.spec import ArraySpec, array_digest
+from posegaussian.storage.model.spec import ArraySpec, array_digest, digest
 
 
 def make_order(context: Context, book: Book, task: Task, parts: dict[str, Any], threads: int) -> WorkOrder:
@@ -111,14 +112,31 @@ def needed_arrays(plan: Plan) -> Iterator[tuple[ArraySpec, dict[str, int], str]]
         fresh = [v.task.partition for v in verdicts if v.state is State.FRESH]
         runs = plan.selection.allows(stage.name) and len(fresh) < len(verdicts)
         end = max((context.grid.bounds(p).stop for p in fresh if p is not None), default=0)
-        for spec in stage.writes_for(context.facts):
-            if isinstance(spec, ArraySpec):
-                for path in context.paths if "path" in stage.over else [None]:
-                    shape, name = context.shape(path), path or ""
-                    if runs:
-                        yield spec, shape, name
-                    elif end and context.sequence.lacks_frames(spec, cut := {**shape, "frame": end}, name):
-                        yield spec, cut, name
+        for spec, shape, path in _arrays_of(context, stage):
+            if runs:
+                yield spec, shape, path
+            elif end and context.sequence.lacks_frames(spec, cut := {**shape, "frame": end}, path):
+                yield spec, cut, path
+
+
+def _arrays_of(context: Context, stage: Stage) -> Iterator[tuple[ArraySpec, dict[str, int], str]]:
+    """(spec, shape, camera path or "") of a stage's arrays."""
+    for spec in stage.writes_for(context.facts):
+        if isinstance(spec, ArraySpec):
+            for path in context.paths if "path" in stage.over else [None]:
+                yield spec, context.shape(path), path or ""
+
+
+def counted_on(plan: Plan) -> dict[str, str]:
+    """{array: its type, dimensions and lengths, as a digest} of all that a run of the plan makes or finds fresh, of
+    stages that wait for no effect's decision."""
+    context = plan.context
+    stages = (s for s in STAGES if s.name not in plan.unneeded and s.name not in context.waits)
+    return {
+        spec.name.format(path=path): digest([spec.dtype, list(spec.dims), list(spec.lengths(shape))])
+        for stage in stages
+        for spec, shape, path in _arrays_of(context, stage)
+    }
 
 
 def prepare(plan: Plan) -> None:

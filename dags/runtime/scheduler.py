@@ -38,9 +38,9 @@ from posegaussian.dags.runtime.events import (
 from posegaussian.dags.runtime.failures import Failure, Kind, failure
 from posegaussian.dags.runtime.in_flight import Backend, Flight, Rules
 from posegaussian.dags.runtime.ordering import make_order
+from posegaussian.dags.runtime.run_registry import Presence
 from posegaussian.stages.registry import STAGES
 from posegaussian.storage.archive import set_aside
-from posegaussian.storage.archive.lease import Lease
 from posegaussian.storage.archive.receipts import Receipt, ReceiptKey, damaged_files
 from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.model.errors import LeaseHeld, LeaseLost, OtherCode, SchedulerLost
@@ -68,7 +68,7 @@ class Run:
         self.selection, self.backend, self.listeners, self.threads = selection, backend, tuple(listeners), threads
         self.rules, self.more = rules or Rules(), more
         self.flight = Flight(backend, self.rules, self.tell)
-        self.presences: list[Lease] = []
+        self.presences: list[Presence] = []
         self.order = {task: i for i, task in enumerate(t for p in plans for t in p.verdicts)}
         self.waiting: dict[Task, set[Task]] = {}
         self.dependents: dict[Task, list[Task]] = defaultdict(list)

@@ -19,10 +19,13 @@ from rich.console import Console
 
 from posegaussian.dags.planning.plan import State
 from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.runtime import run_registry
 from posegaussian.dags.runtime.events import Event, Notice, TaskDone, TaskFailed, TaskFresh
 from posegaussian.dags.runtime.executors.serial import SerialBackend
+from posegaussian.dags.runtime.ordering import counted_on
 from posegaussian.dags.runtime.run_registry import folder
 from posegaussian.dags.runtime.scheduler import Run
+from posegaussian.dags.runtime.work_order import RunTerms
 from posegaussian.dags.session.session import Session
 from posegaussian.storage.archive.lease import Lease
 from posegaussian.storage.archive.receipts import ReceiptKey, lease_file
@@ -252,11 +255,11 @@ Run([pipeline.plan(selection=only)], only, SerialBackend(), [tell], rules=Rules(
 
 
 def state(root: Path) -> dict[str, tuple[int, int]]:
-    """{file: (inode, time of change)} of every file of the sequence but leases."""
+    """{file: (inode, time of change)} of every file of the sequence but those that say who is there."""
     return {
         str(p): (p.stat().st_ino, p.stat().st_mtime_ns)
         for p in sorted((root / NAME).rglob("*"))
-        if p.is_file() and p.suffix not in (".lease", ".partial")
+        if p.is_file() and p.suffix not in (".lease", ".arrays", ".partial")
     }
 
 
@@ -292,15 +295,38 @@ def test_a_writer_suspended_past_its_lease_and_woken_writes_nothing(archive: Pip
     assert_same_content(content(archive), whole)
 
 
-def test_arrays_are_not_replaced_under_another_run(archive: Pipeline) -> None:
+@pytest.mark.parametrize("says", ["nothing", "that it counts on them as they are"])
+def test_arrays_are_not_replaced_under_another_run(
+    archive: Pipeline, monkeypatch: pytest.MonkeyPatch, says: str
+) -> None:
+    monkeypatch.setattr(run_registry, "PATIENCE", 0.1)
     before = content(archive)
     sequence = archive.context().sequence
     with Lease.take(folder(sequence) / "the-other-run.lease", "the-other-run", "driver"):
+        if says != "nothing":
+            run_registry.count_on(sequence, RunTerms("the-other-run"), counted_on(archive.plan()))
         events = archive.with_settings("frames.size=32").run(expect_failure=True)
         assert_same_content(content(archive), before)
     (refused,) = failures(events)
     assert "must be replaced for these settings, but run the-other-run" in refused.error
     assert ended(events).done == 0
+
+
+def test_two_runs_of_settings_for_which_arrays_are_replaced_share_the_work(archive: Pipeline) -> None:
+    """Each counts on the arrays that the other one makes."""
+    smaller = archive.with_settings("frames.size=32")
+    other = smaller.start(stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    deadline = time.monotonic() + 100
+    while not list(folder(archive.context().sequence).glob("*.lease")):
+        assert other.poll() is None, other.communicate()[0]
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    mine = smaller.run()
+    said = other.communicate(timeout=200)[0]
+    assert other.returncode == 0, said
+    assert ended(mine).done > 0, "the second run worked too"
+    assert smaller.plan().all_fresh
+    assert not list(folder(archive.context().sequence).iterdir()), "who leaves says nothing any more"
 
 
 def test_an_input_that_another_run_replaced_meanwhile_fails_the_task_that_read_it(
