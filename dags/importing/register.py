@@ -14,8 +14,9 @@ from posegaussian.dags.config.yaml_source import parse_value
 from posegaussian.dags.importing.replace import make_room, same
 from posegaussian.stages.imaging.camera_mapping import frames_rig
 from posegaussian.stages.registry import STAGES
+from posegaussian.storage.archive.records import check_capture
 from posegaussian.storage.archive.store import SOURCES, Archive, SequenceGroup
-from posegaussian.storage.files.names import check_camera_names, refuse_links
+from posegaussian.storage.files.names import refuse_links
 from posegaussian.storage.files.write import whole_file
 from posegaussian.storage.importers import find
 from posegaussian.storage.model.capture import PER_VIEW, Capture, SourceFile, Stream
@@ -72,8 +73,7 @@ def register(
     it holds another capture, unless that is to be replaced.
     """
     archive.check_sequence_name(name)
-    check_camera_names(capture.rig.names)
-    capture.rig.check()
+    check_capture(capture)
     length = partition_length(capture, settings)
     old, said = make_room(archive, name, same(capture), "this", replace)
     if copy:

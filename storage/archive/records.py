@@ -108,6 +108,16 @@ def read_capture(record: dict[str, Any], file: Path) -> Capture:
     return capture
 
 
+def check_capture(capture: Capture) -> None:
+    """Raise SourceError or CalibrationError for a capture whose record would be refused by `read_capture`."""
+    why = _fault(Capture.from_json(capture.to_json()))
+    if why is not None:
+        raise SourceError(
+            f"the capture of layout {capture.layout} cannot be registered: {why}; nothing was written. Take what is"
+            " named out of its folder, and import it again"
+        )
+
+
 def _fault(capture: Capture) -> str | None:
     """What is wrong with a capture that was read, or None. Raises CalibrationError."""
     rig, count = capture.rig, len(capture.rig)

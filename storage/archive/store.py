@@ -29,7 +29,15 @@ from posegaussian.storage.archive.array_metadata import (
     seal,
     unseal,
 )
-from posegaussian.storage.archive.records import FILE, FORMAT, cameras, read_capture, read_record, write_record
+from posegaussian.storage.archive.records import (
+    FILE,
+    FORMAT,
+    cameras,
+    check_capture,
+    read_capture,
+    read_record,
+    write_record,
+)
 from posegaussian.storage.files.names import Unsafe, below, files_below, folders_in, name_fault
 from posegaussian.storage.files.write import make_folder, refusals, sync_folder, write_atomically
 from posegaussian.storage.model.cameras import INTRINSICS_AXES, POSE_AXES, Rig
@@ -191,10 +199,11 @@ class Archive:
     def create_sequence(self, name: str, capture: Capture, partition_frames: int) -> SequenceGroup:
         """Register a capture under a name, replacing an earlier registration but not its results.
 
-        Raises ArchiveError for a name that cannot be a folder, and NotWritten where the disk does not take it; a
-        sequence that was not there before is then not there either.
+        Raises ArchiveError for a name that cannot be a folder, SourceError for a capture that could not be read again,
+        and NotWritten where the disk does not take it; a sequence that was not there before is then not there either.
         """
         self.check_sequence_name(name)
+        check_capture(capture)
         root = self.place(name)
         new = not root.exists() or {p.name for p in root.iterdir()} <= {SOURCES}
         try:
@@ -217,7 +226,8 @@ class Archive:
 
     def check_sequence_name(self, name: str) -> None:
         """Raise ArchiveError for a name that cannot be a folder, Unsafe where a link lies in its place."""
-        if (why := sequence_name_fault(name)) is not None:
+        why = "it starts with a dash, as options do" if name.startswith("-") else sequence_name_fault(name)
+        if why is not None:
             raise ArchiveError(f"sequence name {name!r} cannot be a folder's name: {why}; use letters, digits, - and _")
         self.place(name)
 

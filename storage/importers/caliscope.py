@@ -21,7 +21,7 @@ from pydantic import Field
 from posegaussian.storage.importers.caliscope_joints import tracked_joints
 from posegaussian.storage.importers.caliscope_times import Instants, instants
 from posegaussian.storage.importers.cameras import build_rig
-from posegaussian.storage.importers.common import ImportOptions, chosen, folder, shown, videos_in
+from posegaussian.storage.importers.common import ImportOptions, all_below, chosen, folder, shown, videos_in
 from posegaussian.storage.importers.declaration import Importer, Trait, or_broken
 from posegaussian.storage.importers.toml_cameras import table_camera, toml_tables
 from posegaussian.storage.model.capture import Capture, SourceFile, Stream
@@ -98,7 +98,7 @@ def _recorded(path: Path) -> dict[str, Path]:
 def recordings(base: Path) -> dict[Path, dict[str, Path]]:
     """{folder: {camera: video}} of the recordings in a folder and below.
     Raises SourceError for two videos of one number."""
-    return {f: v for f in [base, *sorted(p for p in base.rglob("*") if p.is_dir())] if (v := _recorded(f))}
+    return {f: v for f in [base, *(p for p in all_below(base) if p.is_dir())] if (v := _recorded(f))}
 
 
 def _videos(base: Path, options: CaliscopeOptions) -> dict[str, Path]:
@@ -113,7 +113,7 @@ def _videos(base: Path, options: CaliscopeOptions) -> dict[str, Path]:
 
 def calibration_files(base: Path) -> list[Path]:
     """Every camera_array.toml below a folder, then those of the workspace above it."""
-    below = sorted(base.rglob(CALIBRATION), key=lambda p: len(p.parts))
+    below = sorted((p for p in all_below(base) if p.name == CALIBRATION), key=lambda p: len(p.parts))
     above = [
         p / part / CALIBRATION
         for p in base.parents[:3]
@@ -220,4 +220,5 @@ IMPORTER = Importer(
         Trait(f"{CALIBRATION} beside them, below, or in the workspace", lambda base: bool(calibration_files(base))),
     ),
     by_definition=True,
+    timed=True,
 )

@@ -9,7 +9,7 @@ import numpy as np
 
 from posegaussian.storage.formats.joint_files import TrackedFrame, read_tracked
 from posegaussian.storage.importers.caliscope_times import Instants
-from posegaussian.storage.importers.common import gap_notes
+from posegaussian.storage.importers.common import gap_notes, subfolders
 from posegaussian.storage.model.capture import SourceFile, Stream
 from posegaussian.storage.model.errors import SourceError
 from posegaussian.storage.model.joint_sets import joint_set
@@ -43,7 +43,7 @@ def tracked_joints(
     Raises SourceError for a tracker that left nothing or whose joint set is not known or given, for several that fit,
     and for a table of another recording.
     """
-    found = {p.stem.removeprefix("xy_"): p for p in sorted(base.glob("*/xy_*.csv"))}
+    found = {p.stem.removeprefix("xy_"): p for f in subfolders(base) for p in sorted(f.glob("xy_*.csv"))}
     if tracker is not None and tracker not in found:
         raise SourceError(
             f"option tracker: no {tracker}/xy_{tracker}.csv in {base}; there are {', '.join(found) or 'none'}"

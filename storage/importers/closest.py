@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
-from posegaussian.storage.importers.common import natural, subfolders
+from posegaussian.storage.importers.common import entries, subfolders
 from posegaussian.storage.importers.declaration import Trait
 from posegaussian.storage.importers.registry import IMPORTERS
 from posegaussian.storage.readers.images import PICTURE_SUFFIXES
@@ -32,7 +32,8 @@ def lacking(base: Path, layout: str) -> list[Trait]:
 
 def held(base: Path) -> str:
     """What a folder holds, for a sentence."""
-    return _named([p.name + ("/" if p.is_dir() else "") for p in _entries(base)], _SHOWN)
+    names = [p.name + ("/" if p.is_dir() else "") for p in _folders_first(base)]
+    return _named(names, _SHOWN) or "hidden files alone"
 
 
 def unrecognised(base: Path) -> list[str]:
@@ -68,7 +69,7 @@ def _filmed(base: Path) -> str:
     inside = [base, *subfolders(base), *(f for s in subfolders(base) for f in subfolders(s))]
     said = []
     for noun, suffixes in (("video", VIDEO_SUFFIXES), ("picture", PICTURE_SUFFIXES)):
-        counts = {f: n for f in inside if (n := sum(p.suffix.lower() in suffixes for p in f.iterdir()))}
+        counts = {f: n for f in inside if (n := sum(p.suffix.lower() in suffixes for p in entries(f)))}
         places = [str(f.relative_to(base)) for f in counts if f != base]
         if total := sum(counts.values()):
             said.append(f"{total} {noun}{'s' * (total > 1)}{f' (in {_named(places, 2)})' if places else ''}")
@@ -78,7 +79,7 @@ def _filmed(base: Path) -> str:
 def _passed_over(base: Path, near: dict[str, list[Trait]]) -> list[str]:
     """The sentence about files that may be meant as the calibration which is lacking."""
     good = {t.expected for name in near for t in IMPORTERS[name].traits}  # such as intri.yml where extri.yml lacks
-    found = [p.name for p in _entries(base) if p.suffix.lower() in _CALIBRATIONS and p.name not in good]
+    found = [p.name for p in _folders_first(base) if p.suffix.lower() in _CALIBRATIONS and p.name not in good]
     there = f"{_named(found, _SHOWN)} {'is' if len(found) == 1 else 'are'} there"
     return [f"{there}, but by name or content none of these"] if found else []
 
@@ -97,9 +98,9 @@ def _next(base: Path, near: dict[str, list[Trait]], only_cameras: bool) -> list[
     return said
 
 
-def _entries(base: Path) -> list[Path]:
-    """Everything in a folder, folders first."""
-    return sorted(base.iterdir(), key=lambda p: (p.is_file(), natural(p.name)))
+def _folders_first(base: Path) -> list[Path]:
+    """What a capture has in a folder, folders first."""
+    return sorted(entries(base), key=lambda p: p.is_file())
 
 
 def _named(names: Sequence[str], most: int) -> str:

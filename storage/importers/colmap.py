@@ -3,7 +3,7 @@
 The model lies in `sparse/0`, `sparse` or the folder itself, pictures in `images/CAM/000000.jpg` or `videos/CAM.mp4`;
 `images/CAM.jpg`, one picture a camera, is a single instant unless there are videos or folders of that name. Rigs'
 models (`rigs`, `frames`) are read by their images' poses. Masks, white where the subject is, in `masks/` under the
-pictures' names, `.png` appended or in place of their ending.
+pictures' names, `.png` appended or in place of their ending, or as `masks/CAM/000000.png`.
 """
 
 from __future__ import annotations
@@ -19,9 +19,8 @@ from posegaussian.storage.formats.colmap_model import ColmapCamera, ColmapModel,
 from posegaussian.storage.importers.cameras import DISTORTION, build_rig
 from posegaussian.storage.importers.common import (
     chosen,
+    entries,
     folder,
-    mask_file_streams,
-    numbered,
     shown,
     subfolders,
 )
@@ -32,6 +31,7 @@ from posegaussian.storage.importers.evidence import (
     check_points,
     metres,
 )
+from posegaussian.storage.importers.masks import mask_file_streams, masks_beside
 from posegaussian.storage.importers.posed_images import (
     Cameras,
     PosedImage,
@@ -41,12 +41,12 @@ from posegaussian.storage.importers.posed_images import (
 )
 from posegaussian.storage.importers.posed_pictures import PosedOptions, picture_files, picture_streams
 from posegaussian.storage.model.cameras import points_to_integer_centres, to_integer_centres
-from posegaussian.storage.model.capture import Capture, Stream
+from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.errors import CalibrationError
 from posegaussian.storage.model.plausible import check_size
-from posegaussian.storage.readers.images import PICTURE_SUFFIXES
 
 DIRECTION = "world to camera"
+ELSEWHERE = "say where with the option images"
 POINTS_A_CAMERA = 2000
 """Observations of a camera that are compared with the points."""
 
@@ -70,7 +70,7 @@ def find(source: Path, options: ColmapOptions) -> Capture:
     model = read_model(place)
     posed = _posed(model, place, options)
     cameras = sorted_by_camera(posed, options.moment)
-    files, notes = picture_files(base, base / options.images, cameras, options.pictures)
+    files, notes = picture_files(base, base / options.images, cameras, options.pictures, ELSEWHERE)
     names = options.pick(tuple(files))
     if options.cameras is None:
         notes += [f"camera {n} is placed but has no pictures and is left out" for n in cameras.images if n not in files]
@@ -86,9 +86,8 @@ def find(source: Path, options: ColmapOptions) -> Capture:
         [s.size for s in pictures],
         half=options.pixel_center == "half",
     )
-    masks, mask_notes = mask_file_streams(
-        names, [_masks(base, options, n, s) for n, s in zip(names, pictures, strict=True)], pictures
-    )
+    beside = [masks_beside(base / "masks", base / options.images, n, files[n]) for n in names]
+    masks, mask_notes = mask_file_streams(names, beside, pictures)
     return Capture(
         "colmap",
         rig,
@@ -165,22 +164,6 @@ def opencv_camera(camera: ColmapCamera, where: str) -> tuple[np.ndarray, np.ndar
     return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), padded
 
 
-def _masks(base: Path, options: ColmapOptions, camera: str, pictures: Stream) -> dict[int, Path]:
-    """{source frame number: mask} of a camera's pictures."""
-    if pictures.kind == "video":
-        return numbered(base / "masks" / camera, PICTURE_SUFFIXES)
-    root = (base / options.images).resolve()
-    out = {}
-    for n, file in zip(pictures.numbers, pictures.files, strict=True):
-        path = Path(file.path)
-        name = path.relative_to(root) if path.is_relative_to(root) else Path(path.name)
-        for candidate in (base / "masks" / f"{name}.png", (base / "masks" / name).with_suffix(".png")):
-            if candidate.is_file():
-                out[n] = candidate
-                break
-    return out
-
-
 def _seen(model: ColmapModel, cameras: Cameras, options: ColmapOptions) -> list[Seen]:
     """The points in every camera's images."""
     owner = {i.name: camera for camera, group in cameras.images.items() for i in group.values()}
@@ -216,7 +199,7 @@ def _seen(model: ColmapModel, cameras: Cameras, options: ColmapOptions) -> list[
 
 def _has_pictures(base: Path) -> bool:
     found: Sequence[Path] = [base / "images", base / "videos"]
-    return any(p.is_dir() and any(p.iterdir()) for p in found)
+    return any(map(entries, found))
 
 
 IMPORTER = Importer(
@@ -228,4 +211,5 @@ IMPORTER = Importer(
         Trait("cameras and images, .txt or .bin, in sparse/0, sparse or the folder", lambda b: bool(_model_folders(b))),
         Trait("pictures in images or videos", _has_pictures, filmed=True),
     ),
+    masked=True,
 )

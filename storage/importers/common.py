@@ -15,13 +15,12 @@ from posegaussian.storage.formats.joint_files import frame_number
 from posegaussian.storage.model.capture import Capture, SourceFile, Stream
 from posegaussian.storage.model.crop import Crop
 from posegaussian.storage.model.errors import SourceError
-from posegaussian.storage.model.masks import ROUND, rim_share
 from posegaussian.storage.model.splits import said_of, splits_of
 from posegaussian.storage.readers import images
-from posegaussian.storage.readers.video import VIDEO_SUFFIXES, VideoFile
+from posegaussian.storage.readers.video import VIDEO_SUFFIXES
 
-_RATE_TOLERANCE = 0.01
-_MASKS_LOOKED_AT = 5
+_CLUTTER = ("@eaDir", "__MACOSX")
+"""Folders that a NAS and macOS put beside a capture's own."""
 
 
 def _listed(value: Any) -> Any:
@@ -82,8 +81,8 @@ class ImportOptions(BaseModel):
 
 
 def natural(path: Path | str) -> list[tuple[int, int | str]]:
-    """Sort key: cam2 before cam10."""
-    return [(0, int(p)) if p.isdigit() else (1, p) for p in re.split(r"(\d+)", str(path)) if p]
+    """Sort key: cam2 before cam10. A circled or superscript digit is no digit of a number."""
+    return [(0, int(p)) if p.isdecimal() else (1, p) for p in re.split(r"(\d+)", str(path)) if p]
 
 
 def folder(path: Path) -> Path:
@@ -112,26 +111,38 @@ def shown(base: Path, paths: Iterable[Path]) -> str:
     return ", ".join(str(p.relative_to(base) if p.is_relative_to(base) else p) for p in paths)
 
 
+def is_clutter(name: str) -> bool:
+    """Whether a file or folder of that name is hidden, as AppleDouble's `._cam1.mp4`, or none of the capture's own."""
+    return name.startswith(".") or name in _CLUTTER
+
+
+def entries(path: Path) -> list[Path]:
+    """What a capture has in a folder, in natural order; nothing when it does not exist."""
+    found = path.iterdir() if path.is_dir() else ()
+    return sorted((p for p in found if not is_clutter(p.name)), key=lambda p: natural(p.name))
+
+
+def all_below(base: Path) -> list[Path]:
+    """What a capture has in a folder and its folders, in the order of names."""
+    return sorted(p for p in base.rglob("*") if not any(map(is_clutter, p.relative_to(base).parts)))
+
+
 def subfolders(path: Path) -> list[Path]:
     """Folders in a folder in natural order; none when it does not exist."""
-    return sorted((p for p in path.iterdir() if p.is_dir()), key=lambda p: natural(p.name)) if path.is_dir() else []
+    return [p for p in entries(path) if p.is_dir()]
 
 
 def has_pictures(base: Path) -> bool:
     """Whether a folder has `images/NAME/` with a picture in it."""
     return any(
-        p.suffix.lower() in images.PICTURE_SUFFIXES for camera in subfolders(base / "images") for p in camera.iterdir()
+        p.suffix.lower() in images.PICTURE_SUFFIXES for camera in subfolders(base / "images") for p in entries(camera)
     )
 
 
 def videos_in(path: Path) -> dict[str, Path]:
     """{stem: video} of one folder in natural order. Raises SourceError for two videos of one name."""
     out: dict[str, Path] = {}
-    for p in (
-        sorted((p for p in path.iterdir() if p.suffix.lower() in VIDEO_SUFFIXES), key=lambda p: natural(p.name))
-        if path.is_dir()
-        else []
-    ):
+    for p in (p for p in entries(path) if p.suffix.lower() in VIDEO_SUFFIXES):
         if p.stem in out:
             raise SourceError(
                 f"two videos would be camera {p.stem}: {out[p.stem].name} and {p.name}; take one out of {path}"
@@ -145,7 +156,7 @@ def numbered(path: Path, suffixes: Iterable[str]) -> dict[int, Path]:
     Raises SourceError for a number twice or none."""
     out: dict[int, Path] = {}
     for p in sorted(path.iterdir()) if path.is_dir() else []:
-        if p.suffix.lower() not in suffixes or p.name.startswith("."):
+        if p.suffix.lower() not in suffixes or is_clutter(p.name):
             continue
         n = frame_number(p)
         if n is None:
@@ -172,37 +183,6 @@ def image_stream(camera: str, files: Mapping[int, Path]) -> Stream:
                 " one camera has one size"
             )
     return file_stream("images", files, size)
-
-
-def video_streams(videos: Mapping[str, Path], frame_rate: float | None) -> tuple[list[Stream], float, list[str]]:
-    """(streams, frames per second, notes) of one video a camera.
-
-    Raises SourceError for a video that cannot be read, and for rates that differ by more than 1 %: frame n must be the
-    same instant in every view.
-    """
-    opened = {name: VideoFile(p) for name, p in videos.items()}
-    streams = [
-        Stream("video", (SourceFile.of(videos[name]),), tuple(range(v.count)), v.size) for name, v in opened.items()
-    ]
-    rates = {name: v.rate for name, v in opened.items()}
-    low, high = min(rates, key=rates.__getitem__), max(rates, key=rates.__getitem__)
-    if frame_rate is None and rates[high] > rates[low] * (1 + _RATE_TOLERANCE):
-        raise SourceError(
-            f"camera {high} runs at {rates[high]:g} frames/s and camera {low} at {rates[low]:g}; frame n must be one"
-            " instant: give all one rate, or set frame_rate"
-        )
-    rate = frame_rate or rates[high]
-    if rate <= 0:
-        raise SourceError(f"video {opened[high].path} gives no frame rate; set frame_rate")
-    notes = []
-    for name, v in opened.items():
-        shortest, longest = v.spacing
-        if longest > 1.5 * shortest:
-            notes.append(
-                f"camera {name}: frames are {1000 * shortest:.1f} to {1000 * longest:.1f} ms apart; time is taken as"
-                f" frame / {rate:g}"
-            )
-    return streams, rate, notes
 
 
 def with_splits(capture: Capture, order: Sequence[str], subject: str) -> Capture:
@@ -234,68 +214,3 @@ def ranges(values: np.ndarray, most: int = 4) -> str:
     runs = np.split(values, np.flatnonzero(np.diff(values) > 1) + 1)
     parts = [str(r[0]) if len(r) == 1 else f"{r[0]}-{r[-1]}" for r in runs]
     return ", ".join(parts[:most]) + (", ..." if len(parts) > most else "")
-
-
-def mask_streams(
-    names: Sequence[str], folders: Sequence[Path], pictures: Sequence[Stream]
-) -> tuple[tuple[Stream, ...], list[str]]:
-    """(masks of every view, notes), one folder a camera; no masks at all where none of the folders has any.
-
-    Raises SourceError when only some cameras have masks, and for a mask of another size than its picture.
-    """
-    files = [numbered(f, images.PICTURE_SUFFIXES) for f in folders]
-    return mask_file_streams(names, files, pictures, folders)
-
-
-def mask_file_streams(
-    names: Sequence[str],
-    files: Sequence[Mapping[int, Path]],
-    pictures: Sequence[Stream],
-    folders: Sequence[Path] | None = None,
-    labels: bool = False,
-) -> tuple[tuple[Stream, ...], list[str]]:
-    """`mask_streams` of files {source frame number: mask} a camera; `folders` are where more would lie. With `labels`
-    masks hold labels of parts, and whatever is not 0 is the subject."""
-    if not any(files):
-        return (), []
-    lacking = [n for n, f in zip(names, files, strict=True) if not f]
-    if lacking:
-        add = "theirs" if folders is None else folders[names.index(lacking[0])]
-        raise SourceError(
-            f"cameras {', '.join(lacking)} have no masks while others have; add {add} or move all masks away"
-        )
-    streams = []
-    for name, found, stream in zip(names, files, pictures, strict=True):
-        found = {n: p for n, p in found.items() if n in set(stream.numbers)}
-        for n, p in found.items():
-            if (size := images.picture_size(p)) != tuple(stream.size):
-                raise SourceError(
-                    f"camera {name}, frame {n}: mask {p} is {size[0]}x{size[1]} px, its picture is"
-                    f" {stream.size[0]}x{stream.size[1]} px; masks must have the picture's size"
-                )
-        streams.append(file_stream("images", found, stream.size))
-    notes = gap_notes(names, streams, [s.numbers for s in pictures], "masks")
-    most, rim = _of_values(streams)
-    if labels:
-        streams = [Stream(s.kind, s.files, s.numbers, s.size, {"labels": True}) for s in streams]
-        notes.append("masks hold labels of body parts; whatever is not 0 is the subject")
-    elif most == 1:
-        streams = [Stream(s.kind, s.files, s.numbers, s.size, {"zero_one": True}) for s in streams]
-        notes.append("masks hold only 0 and 1; they are read as 0 and 255")
-    if rim > ROUND:
-        notes.append(
-            f"masks are white along {rim:.0%} of the pictures' rim: they seem to mark the background, or to cut nothing"
-            " out. The subject must be white; if it is black, write them the other way round and import again"
-        )
-    return tuple(streams), notes
-
-
-def _of_values(streams: Sequence[Stream]) -> tuple[int, float]:
-    """The largest value over a few masks of every view, and the share of the rim that is white, median over views."""
-    most, rims = 0, []
-    for stream in streams:
-        masks = [images.read_mask(f.path) for f in stream.files[:: max(1, len(stream.files) // _MASKS_LOOKED_AT)]]
-        largest = max((int(m.max()) for m in masks), default=0)
-        most = max(most, largest)
-        rims.append(float(np.mean([rim_share(m > largest // 2) for m in masks])) if masks else 0.0)
-    return most, float(np.median(rims))

@@ -39,6 +39,10 @@ class Importer:
     """By which a folder is recognised."""
     by_definition: bool = False
     """Whether the layout defines its poses as metres and world to camera; else its importer says what it found."""
+    masked: bool = False
+    """Whether it reads `masks/CAM/000000.png`."""
+    timed: bool = False
+    """Whether it numbers frames by times of its own, and not in the order of the videos."""
     general: bool = False
     """Whether it counts only where no other layout fits: it reads what more particular ones have, too."""
 

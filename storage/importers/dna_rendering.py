@@ -17,7 +17,7 @@ from pydantic import Field
 
 from posegaussian.storage.formats.plain_hdf5 import Hdf5File
 from posegaussian.storage.importers.cameras import RawCamera, build_rig, check_principal_point
-from posegaussian.storage.importers.common import ImportOptions, folder, gap_notes, natural
+from posegaussian.storage.importers.common import ImportOptions, entries, folder, gap_notes
 from posegaussian.storage.importers.declaration import Importer, Trait
 from posegaussian.storage.importers.evidence import Seen, check_points
 from posegaussian.storage.importers.filmed import assumed_rate, placed_notes
@@ -107,7 +107,7 @@ def _pair(base: Path, take: str | None) -> tuple[Hdf5File, Hdf5File]:
 
 
 def _takes(base: Path) -> list[str]:
-    return sorted((p.stem for p in base.glob("*.smc") if not p.stem.endswith(("_annots", "_kinect"))), key=natural)
+    return [p.stem for p in entries(base) if p.suffix == ".smc" and not p.stem.endswith(("_annots", "_kinect"))]
 
 
 def _pictures(main: Hdf5File, file: SourceFile, place: str) -> Stream:

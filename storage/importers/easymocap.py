@@ -22,14 +22,14 @@ from posegaussian.storage.importers.common import (
     folder,
     has_pictures,
     image_stream,
-    mask_streams,
     numbered,
     subfolders,
-    video_streams,
     videos_in,
 )
 from posegaussian.storage.importers.declaration import Importer, Trait, or_broken
+from posegaussian.storage.importers.films import video_streams
 from posegaussian.storage.importers.joint_streams import picture_joints
+from posegaussian.storage.importers.masks import mask_streams
 from posegaussian.storage.model.cameras import rotation_matrix
 from posegaussian.storage.model.capture import Capture, Stream
 from posegaussian.storage.model.documents import shortened
@@ -200,4 +200,5 @@ IMPORTER = Importer(
         ),
     ),
     by_definition=True,
+    masked=True,
 )

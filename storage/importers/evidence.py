@@ -3,6 +3,7 @@ points land where they were seen."""
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterable, Sequence
 from typing import Annotated, Any, NamedTuple
 
@@ -83,7 +84,8 @@ def metres(options: UnitOptions, names: Sequence[str], centres: np.ndarray, what
             )
         return wanted / found, f"unit: {wanted / found:.6g} m, as {a} and {b} lie {wanted:g} m apart"
     apart = distances(centres)
-    ask = f"{what} says no unit; say --option distance={names[0]},{names[-1]},METRES or --option scale=METRES"
+    two = shlex.quote(f"distance={names[0]},{names[-1]},METRES")
+    ask = f"{what} says no unit; say --option {two} or --option scale=METRES"
     if len(apart) and not APART[0] <= apart[-1] <= APART[1]:
         raise CalibrationError(
             f"cameras lie up to {apart[-1]:.4g} units apart; metres would be between {APART[0]:g} and {APART[1]:g}."

@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from posegaussian.storage.importers.cameras import RawCamera, build_rig, check_principal_point, distances
-from posegaussian.storage.importers.common import ImportOptions, mask_file_streams
+from posegaussian.storage.importers.common import ImportOptions
 from posegaussian.storage.importers.evidence import APART, check_direction
+from posegaussian.storage.importers.masks import mask_file_streams
 from posegaussian.storage.importers.posed_pictures import Files, picture_streams
 from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.capture import Capture

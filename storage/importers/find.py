@@ -10,7 +10,9 @@ from typing import Any
 from pydantic import ValidationError
 
 from posegaussian.storage.importers.account import accounted
+from posegaussian.storage.importers.films import are_counted, with_dropped
 from posegaussian.storage.importers.letterbox import fitted
+from posegaussian.storage.importers.masks import unread_masks
 from posegaussian.storage.importers.recognise import explained, fitting, recognised
 from posegaussian.storage.importers.registry import IMPORTERS
 from posegaussian.storage.importers.timecode import in_step
@@ -48,9 +50,13 @@ def find_capture(layout: str, source: str | Path, options: Mapping[str, Any]) ->
         if why := explained(importer.name, base):
             raise type(e)(f"{e}\n{why}") from e
         raise
+    if not capture.has("masks"):
+        capture = replace(capture, notes=(*capture.notes, *unread_masks(base, importer.name, importer.masked)))
     if layout == AUTO:
         capture = replace(capture, notes=(f"layout: {importer.name}", *capture.notes))
-    known = in_step(fitted(capture, checked.crops), checked.timecode == "ignore")
+    known = fitted(capture, checked.crops)
+    if are_counted(known):
+        known = in_step(known if importer.timed else with_dropped(known), checked.timecode == "ignore")
     return _with_roles(accounted(known, importer.by_definition), checked.held_out)
 
 

@@ -21,7 +21,6 @@ from posegaussian.storage.importers.cameras import DISTORTION, build_rig, check_
 from posegaussian.storage.importers.common import (
     ImportOptions,
     folder,
-    mask_file_streams,
     natural,
     subfolders,
     with_splits,
@@ -29,6 +28,7 @@ from posegaussian.storage.importers.common import (
 from posegaussian.storage.importers.declaration import Importer, Trait
 from posegaussian.storage.importers.depth_streams import depth_file_streams
 from posegaussian.storage.importers.evidence import check_direction
+from posegaussian.storage.importers.masks import mask_file_streams
 from posegaussian.storage.importers.posed_images import Cameras, PosedImage, sorted_by_camera, still_camera
 from posegaussian.storage.importers.posed_pictures import Files, picture_streams
 from posegaussian.storage.model.cameras import camera_centre

@@ -13,6 +13,7 @@ world to camera, OpenCV axes, metres; `"held_out": true` marks a camera that onl
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -29,13 +30,13 @@ from posegaussian.storage.importers.common import (
     gap_notes,
     has_pictures,
     image_stream,
-    mask_streams,
     numbered,
     subfolders,
 )
 from posegaussian.storage.importers.declaration import Importer, Trait, or_broken
 from posegaussian.storage.importers.depth_streams import depth_map_streams
 from posegaussian.storage.importers.joint_streams import coco_joints, picture_joints
+from posegaussian.storage.importers.masks import mask_streams
 from posegaussian.storage.model.capture import Capture, Stream
 from posegaussian.storage.model.documents import read_json
 from posegaussian.storage.model.errors import CalibrationError, SourceError
@@ -89,7 +90,8 @@ def find(source: Path, options: ImagesOptions) -> Capture:
         if name not in entries:
             raise CalibrationError(
                 f"pictures {base / 'images' / name} have no camera in {base / 'cameras.json'}, which names"
-                f" {', '.join(entries) or 'none'}"
+                f" {', '.join(entries) or 'none'}; add it there, or name the cameras to import with --option"
+                f" {shlex.quote('cameras=' + ','.join(n for n in entries if n in found))}"
             )
     notes = [
         f"camera {n} has no pictures and is left out" for n in entries if n not in found and options.cameras is None
@@ -209,4 +211,5 @@ IMPORTER = Importer(
         Trait("pictures images/NAME/<number>.png, .jpg or .exr", has_pictures, filmed=True),
     ),
     by_definition=True,
+    masked=True,
 )

@@ -17,9 +17,9 @@ from pydantic import Field
 from posegaussian.storage.formats.plain_npy import read_numbers
 from posegaussian.storage.importers.cameras import DISTORTION, build_rig
 from posegaussian.storage.importers.common import (
+    entries,
     folder,
     has_pictures,
-    mask_streams,
     natural,
     numbered,
     subfolders,
@@ -27,6 +27,7 @@ from posegaussian.storage.importers.common import (
 )
 from posegaussian.storage.importers.declaration import Importer, Trait, or_broken
 from posegaussian.storage.importers.evidence import UnitOptions, check_direction, metres
+from posegaussian.storage.importers.masks import mask_streams
 from posegaussian.storage.importers.posed_images import PosedImage, sorted_by_camera, still_camera
 from posegaussian.storage.importers.posed_pictures import Files, picture_streams
 from posegaussian.storage.model.capture import Capture
@@ -122,8 +123,8 @@ def _files(base: Path, options: LlffOptions) -> tuple[dict[str, Files], list[str
     if not out and options.pictures != "videos":
         out = {f.name: n for f in subfolders(base / "images") if (n := numbered(f, PICTURE_SUFFIXES))}
     if not out and options.pictures != "videos" and (base / "images").is_dir():
-        for p in (base / "images").iterdir():
-            if p.suffix.lower() in PICTURE_SUFFIXES and not p.name.startswith("."):
+        for p in entries(base / "images"):
+            if p.suffix.lower() in PICTURE_SUFFIXES:
                 if p.stem in out:
                     raise SourceError(f"two pictures would be camera {p.stem} in {base / 'images'}; take one out")
                 out[p.stem] = {0: p}
@@ -138,7 +139,7 @@ def _files(base: Path, options: LlffOptions) -> tuple[dict[str, Files], list[str
 
 def _has_files(base: Path) -> bool:
     return has_pictures(base) or or_broken(
-        lambda: videos_in(base) or videos_in(base / "videos") or any((base / "images").glob("*"))
+        lambda: videos_in(base) or videos_in(base / "videos") or entries(base / "images")
     )
 
 
@@ -151,4 +152,5 @@ IMPORTER = Importer(
         Trait(POSES, lambda base: (base / POSES).is_file()),
         Trait("CAM.mp4, or pictures in images", _has_files, filmed=True),
     ),
+    masked=True,
 )

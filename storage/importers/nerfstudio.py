@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,10 +18,11 @@ import numpy as np
 from pydantic import Field
 
 from posegaussian.storage.importers.cameras import DISTORTION, build_rig, numbers
-from posegaussian.storage.importers.common import chosen, folder, mask_file_streams
+from posegaussian.storage.importers.common import chosen, folder
 from posegaussian.storage.importers.declaration import Importer, Trait, or_broken
 from posegaussian.storage.importers.depth_streams import depth_file_streams
 from posegaussian.storage.importers.evidence import check_direction, metres
+from posegaussian.storage.importers.masks import mask_file_streams, masks_beside
 from posegaussian.storage.importers.posed_images import (
     PosedImage,
     checked_name,
@@ -31,7 +31,7 @@ from posegaussian.storage.importers.posed_images import (
     still_camera,
 )
 from posegaussian.storage.importers.posed_pictures import PosedOptions, picture_files, picture_streams
-from posegaussian.storage.model.capture import Capture, Stream
+from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.documents import read_json, shortened
 from posegaussian.storage.model.errors import CalibrationError, SourceError
 from posegaussian.storage.readers import images
@@ -47,6 +47,7 @@ LABELS = ("camera_label", "camera_name", "camera", "camera_id")
 ENDINGS = (".png", ".jpg", ".jpeg", ".exr")
 """What may be missing from `file_path`."""
 DIRECTION = "camera to world"
+ELSEWHERE = "put it there, or correct its file_path"
 OPENGL = np.diag([1.0, -1.0, -1.0])
 """From OpenGL's camera axes to OpenCV's, and back."""
 MILLIMETRE = 1e-3
@@ -74,8 +75,8 @@ class NerfstudioOptions(PosedOptions):
 class _Frame:
     """One frame of a file."""
 
-    def __init__(self, head: Mapping[str, Any], frame: Mapping[str, Any], path: Path, at: int) -> None:
-        self.head, self.frame, self.where = head, frame, f"{path}, frame {at}"
+    def __init__(self, base: Path, head: Mapping[str, Any], frame: Mapping[str, Any], where: str) -> None:
+        self.base, self.head, self.frame, self.where = base, head, frame, where
 
     def number(self, key: str) -> float | None:
         """A number of the frame or of the head; None where neither has it. Raises CalibrationError where they differ,
@@ -89,20 +90,21 @@ class _Frame:
         return found.pop() if found else None
 
     def path(self, key: str) -> str | None:
-        """A path below the file's folder; None where the frame has none."""
+        """A path below the capture's folder; None where the frame has none."""
         value = self.frame.get(key)
         if value is None:
             return None
         if not isinstance(value, str):
             raise SourceError(f"{self.where}: {key} {shortened(value)} is no path")
-        return checked_name(value, self.where)
+        own = Path(value).is_relative_to(self.base)  # written in full, as some programs do
+        return checked_name(str(Path(value).relative_to(self.base)) if own else value, self.where)
 
 
 def find(source: Path, options: NerfstudioOptions) -> Capture:
     """Find everything in the folder. Raises SourceError or CalibrationError, each a sentence with the next step."""
     base = folder(source)
     files = _files(base, options)
-    frames = [f for path in files for f in _frames(path)]
+    frames = [f for path in files for f in _frames(base, path)]
     applied = _applied(frames[0]) if options.scale is None else 1.0
     posed = [_posed(base, f, applied) for f in frames]
     posed, notes = instants(posed, [f.number("time") for f in frames])
@@ -111,7 +113,7 @@ def find(source: Path, options: NerfstudioOptions) -> Capture:
         twice = next(name for name, n in Counter(i.name for i in posed).items() if n > 1)
         raise SourceError(f"{files[0]}: image {twice} is there twice; write the file again")
     cameras = sorted_by_camera(posed, options.moment)
-    found, more = picture_files(base, base, cameras, options.pictures)
+    found, more = picture_files(base, base, cameras, options.pictures, ELSEWHERE)
     names = options.pick(tuple(found))
     without = [n for n in cameras.images if n not in found and options.cameras is None]
     middle = {n: still_camera(n, group, 1.0) for n, group in cameras.images.items()}
@@ -126,9 +128,10 @@ def find(source: Path, options: NerfstudioOptions) -> Capture:
         half=options.pixel_center == "half",
     )
     own = {n: {k: by_name[i.name] for k, i in cameras.images[n].items()} for n in names}
-    masks, mask_notes = mask_file_streams(names, [_named(base, own[n], "mask_path") for n in names], pictures)
-    if not masks:
-        masks, mask_notes = _alpha_masks(pictures)
+    named = [_named(base, own[n], "mask_path") for n in names]
+    if not any(named):
+        named = [masks_beside(base / "masks", base / "images", n, found[n]) for n in names]
+    masks, mask_notes = mask_file_streams(names, named, pictures)
     maps = [_named(base, own[n], "depth_file_path") for n in names]
     depth_maps, depth_notes = depth_file_streams(names, maps, pictures, _depth_scale(options, maps, scale / applied))
     held_out = _held_out(files, names, own)
@@ -166,7 +169,7 @@ def _files(base: Path, options: NerfstudioOptions) -> list[Path]:
     return [*found, test] if found[0].name != FILES[0] and test.is_file() else found
 
 
-def _frames(path: Path) -> list[_Frame]:
+def _frames(base: Path, path: Path) -> list[_Frame]:
     try:
         data = read_json(path, "cameras")
     except SourceError as e:
@@ -174,7 +177,7 @@ def _frames(path: Path) -> list[_Frame]:
     frames = data.get("frames") if isinstance(data, dict) else None
     if not isinstance(frames, list) or not frames or not all(isinstance(f, dict) for f in frames):
         raise CalibrationError(f"{path} has no list of frames; give transforms.json as nerfstudio or Blender writes it")
-    return [_Frame(data, f, path, at) for at, f in enumerate(frames)]
+    return [_Frame(base, data, f, f"{path}, frame {at}") for at, f in enumerate(frames)]
 
 
 def _number(value: Any, what: str) -> float:
@@ -267,15 +270,6 @@ def _named(base: Path, frames: Mapping[int, _Frame], key: str) -> dict[int, Path
     return {n: base / named for n, f in frames.items() if (named := f.path(key)) is not None}
 
 
-def _alpha_masks(pictures: Sequence[Stream]) -> tuple[tuple[Stream, ...], list[str]]:
-    """(the alpha of RGBA pictures as masks, notes); none where a camera's first picture has none or is opaque."""
-    for s in pictures:
-        first = s.files[0].path
-        if s.kind == "video" or not images.has_alpha(first) or int(images.read_mask(first, alpha=True).min()) == 255:
-            return (), []
-    return tuple(replace(s, options={"alpha": True}) for s in pictures), ["masks: the alpha of the pictures"]
-
-
 def _depth_scale(options: NerfstudioOptions, maps: Sequence[Mapping[int, Path]], scale: float) -> float | None:
     first = next((p for m in maps for p in m.values()), None)
     if options.depth_scale is not None or first is None:
@@ -319,4 +313,5 @@ IMPORTER = Importer(
             "transforms.json or transforms_train.json with frames", lambda base: or_broken(lambda: _is_transforms(base))
         ),
     ),
+    masked=True,
 )

@@ -15,8 +15,9 @@ import numpy as np
 from posegaussian.storage.formats.plain_hdf5 import Hdf5File
 from posegaussian.storage.formats.plain_pickle import read_pickle
 from posegaussian.storage.importers.cameras import RawCamera, build_rig, check_principal_point, numbers
-from posegaussian.storage.importers.common import ImportOptions, folder, video_streams, videos_in
+from posegaussian.storage.importers.common import ImportOptions, folder, videos_in
 from posegaussian.storage.importers.declaration import Importer, Trait
+from posegaussian.storage.importers.films import video_streams
 from posegaussian.storage.model.capture import Capture, SourceFile, Stream
 from posegaussian.storage.model.errors import CalibrationError, SourceError
 

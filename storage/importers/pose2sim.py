@@ -19,16 +19,17 @@ from posegaussian.storage.importers.caliscope import unread_times
 from posegaussian.storage.importers.cameras import build_rig
 from posegaussian.storage.importers.common import (
     ImportOptions,
+    all_below,
     chosen,
     folder,
     natural,
     numbered,
     shown,
     subfolders,
-    video_streams,
     videos_in,
 )
 from posegaussian.storage.importers.declaration import Importer, Trait, or_broken
+from posegaussian.storage.importers.films import video_streams
 from posegaussian.storage.importers.joint_streams import picture_joints, trc_joints
 from posegaussian.storage.importers.qualisys import is_qualisys, qualisys_tables
 from posegaussian.storage.importers.toml_cameras import table_camera, toml_tables
@@ -93,7 +94,7 @@ def _calibration(base: Path, options: Pose2SimOptions) -> tuple[Path, dict[str, 
     given = chosen(base, options.calibration, "calibration")
     found: dict[Path, dict[str, Mapping[str, Any]]] = {}
     broken: list[CalibrationError] = []
-    everything = sorted(p for p in base.rglob("*") if p.is_file())
+    everything = [p for p in all_below(base) if p.is_file()]
     for paths in (
         [[given]]
         if given
@@ -142,7 +143,7 @@ def _table_of(name: str, tables: Mapping[str, Mapping[str, Any]]) -> str | None:
 def _videos(base: Path, options: Pose2SimOptions, tables: Mapping[str, Mapping[str, Any]]) -> dict[str, Path]:
     """{camera: video} of the one folder whose videos the calibration knows."""
     given = chosen(base, options.videos, "videos")
-    folders = [given] if given else [base, *sorted((p for p in base.rglob("*") if p.is_dir()), key=natural)]
+    folders = [given] if given else [base, *sorted((p for p in all_below(base) if p.is_dir()), key=natural)]
     found = {f: v for f in folders if (v := videos_in(f))}
     if not found:
         raise SourceError(f"no video in {given or base} or below")
@@ -160,7 +161,7 @@ def _joint_folders(parent: Path, names: Sequence[str]) -> dict[str, Path]:
     out: dict[str, Path] = {}
     for sub in subfolders(parent):
         fitting = [n for n in names if sub.name == n or sub.name.startswith(f"{n}_")]
-        first = next(iter(sorted(sub.glob("*.json"))), None) if fitting else None
+        first = next((p for p in all_below(sub) if p.suffix == ".json"), None) if fitting else None
         if first is not None and isinstance(data := read_json(first), dict) and "people" in data:
             out.setdefault(max(fitting, key=len), sub)
     return out
@@ -170,7 +171,7 @@ def _joints(
     base: Path, options: Pose2SimOptions, names: Sequence[str], pictures: Sequence[Stream]
 ) -> tuple[tuple[Stream | None, ...], list[str]]:
     given = chosen(base, options.joints, "joints")
-    parents = [given] if given else [base, *sorted((p for p in base.rglob("*") if p.is_dir()), key=natural)]
+    parents = [given] if given else [base, *sorted((p for p in all_below(base) if p.is_dir()), key=natural)]
     found = {p: f for p in parents if (f := _joint_folders(p, names))}
     if not found:
         if given:
@@ -186,7 +187,7 @@ def _joints(
 def _joints3d(base: Path, options: Pose2SimOptions) -> tuple[Stream | None, list[str]]:
     """3D joints of the one TRC file; several are left out unless one is chosen."""
     given = chosen(base, options.trc, "trc")
-    found = sorted(base.rglob("*.trc"))
+    found = [p for p in all_below(base) if p.suffix == ".trc"]
     if given is None and len(found) > 1:
         return None, [f"{len(found)} TRC files fit, none is used; choose one with the option trc: {shown(base, found)}"]
     if given is None and not found:
@@ -204,13 +205,13 @@ def _joints3d(base: Path, options: Pose2SimOptions) -> tuple[Stream | None, list
 def _has_camera_tables(base: Path) -> bool:
     return any(
         is_qualisys(p) or (p.suffix == ".toml" and or_broken(lambda p=p: toml_tables(p)))  # type: ignore[misc]
-        for p in base.rglob("*")
+        for p in all_below(base)
         if p.is_file()
     )
 
 
 def _has_videos(base: Path) -> bool:
-    return or_broken(lambda: any(videos_in(f) for f in (base, *(p for p in base.rglob("*") if p.is_dir()))))
+    return or_broken(lambda: any(videos_in(f) for f in (base, *(p for p in all_below(base) if p.is_dir()))))
 
 
 IMPORTER = Importer(

@@ -77,7 +77,8 @@ def checked_name(name: str, where: str) -> str:
     windows = len(name) > 1 and name[1] == ":"
     if path.is_absolute() or windows or ".." in path.parts or not path.name or not str(path).isprintable():
         raise SourceError(
-            f"{where}: image {name[:200]!r} does not lie below the folder of the images; only paths below it are read"
+            f"{where}: image {name[:200]!r} does not lie below the folder of the images; only paths below it are read,"
+            " written relative to it"
         )
     if any(len(part.encode()) > LONGEST_PART for part in path.parts):
         raise SourceError(f"{where}: image {name[:200]!r} has a name of over {LONGEST_PART} bytes, which no file has")

@@ -8,8 +8,9 @@ from typing import Literal
 
 from pydantic import Field
 
-from posegaussian.storage.importers.common import ImportOptions, image_stream, numbered, video_streams, videos_in
+from posegaussian.storage.importers.common import ImportOptions, image_stream, numbered, videos_in
 from posegaussian.storage.importers.evidence import UnitOptions
+from posegaussian.storage.importers.films import video_streams
 from posegaussian.storage.importers.posed_images import Cameras, PosedImage
 from posegaussian.storage.model.capture import Stream
 from posegaussian.storage.model.errors import SourceError
@@ -33,9 +34,12 @@ class PosedOptions(UnitOptions):
     )
 
 
-def picture_files(base: Path, root: Path, cameras: Cameras, kind: str) -> tuple[dict[str, Files], list[str]]:
+def picture_files(
+    base: Path, root: Path, cameras: Cameras, kind: str, otherwise: str
+) -> tuple[dict[str, Files], list[str]]:
     """({camera: its pictures or video}, notes) of the cameras that have any; names of images are relative to `root`,
-    `kind` is auto, images or videos. Raises SourceError where there are none or not of all."""
+    `kind` is auto, images or videos. Raises SourceError where there are none or not of all, which ends with what to do
+    `otherwise`."""
     videos = videos_in(base / "videos") if kind != "images" else {}
     single = all(len(g) == 1 for g in cameras.images.values())
     out: dict[str, Files] = {}
@@ -51,13 +55,12 @@ def picture_files(base: Path, root: Path, cameras: Cameras, kind: str) -> tuple[
             more += len(every) - len(group) if every else 0
             lacking = [i.name for i in group.values() if not (root / i.name).is_file()]
             if lacking and not every:
-                raise SourceError(f"image {lacking[0]} of the model is not in {root}; say where with the option images")
+                raise SourceError(f"image {lacking[0]} of the model is not in {root}; {otherwise}")
     if not out:
         first = next(iter(next(iter(cameras.images.values())).values()))
         raise SourceError(
             f"no pictures of the model's images, such as {first.name},"
-            f" in {root}, and no videos/NAME.mp4 of cameras {', '.join(list(cameras.images)[:4])}; say where with the"
-            " option images"
+            f" in {root}, and no videos/NAME.mp4 of cameras {', '.join(list(cameras.images)[:4])}; {otherwise}"
         )
     notes = [f"{more} pictures beside the model's images are taken with their camera's pose"] if more > 0 else []
     kinds = {isinstance(f, Path) for f in out.values()}

@@ -7,7 +7,7 @@ import shlex
 from pathlib import Path
 
 from posegaussian.storage.importers.closest import held, lacking, unrecognised
-from posegaussian.storage.importers.common import folder
+from posegaussian.storage.importers.common import folder, subfolders
 from posegaussian.storage.importers.registry import IMPORTERS
 from posegaussian.storage.model.errors import SourceError
 
@@ -22,7 +22,7 @@ def recognised(base: Path) -> str:
     """The one layout of a folder. Raises SourceError where none fits, with what the closest ones lack, where several
     do, and for a folder of captures."""
     found = fitting(folder(base))
-    inside = {p.name: fits for p in sorted(base.iterdir()) if p.is_dir() and (fits := fitting(p))}
+    inside = {p.name: fits for p in subfolders(base) if (fits := fitting(p))}
     if len(inside) > 1 and not {n for fits in inside.values() for n in fits} <= {*found}:
         told = ", ".join(f"{name} ({' or '.join(fits)})" for name, fits in inside.items())
         raise SourceError(f"{base} holds several captures, {told}; give the folder of one of them")

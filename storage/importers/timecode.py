@@ -11,13 +11,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
+from posegaussian.storage.importers.films import SAME_RATE
 from posegaussian.storage.model.capture import PER_VIEW, Capture
 from posegaussian.storage.model.documents import shortened
 from posegaussian.storage.model.errors import SourceError
 from posegaussian.storage.readers.video import VideoFile
 
-SAME_RATE = 5e-4
-"""Relative difference of frame rates below which frames of two videos stay in step; 29.97 and 30 differ by 1e-3."""
 NTSC = 1000 / 1001
 """A drop-frame video's frames per second over its labels'."""
 IGNORE = "the option timecode=ignore takes videos to begin together"
@@ -54,14 +53,14 @@ def parsed(label: str, rate: float) -> Start | None:
 
 
 def in_step(capture: Capture, ignored: bool) -> Capture:
-    """The capture with the frames of every video numbered from the earliest beginning, where all carry a timecode, and
-    with sentences on what was done.
+    """The capture of videos with the frames of each numbered from the earliest beginning, where all carry a timecode,
+    and with sentences on what was done.
 
     Masks, joints and depth of a view go with its pictures. Raises SourceError for timecodes that cannot be brought
     together: of videos of different rates, of both kinds, or without an instant in common.
     """
     names, pictures = capture.rig.names, capture.pictures
-    if len(names) < 2 or any(s.kind != "video" or "indices" in s.options for s in pictures):
+    if len(names) < 2:
         return capture
     videos = {n: VideoFile(s.files[0].path) for n, s in zip(names, pictures, strict=True)}
     labels = {n: v.timecode for n, v in videos.items() if v.timecode is not None}
@@ -74,7 +73,7 @@ def in_step(capture: Capture, ignored: bool) -> Capture:
     late = _offsets(starts, videos)
     kinds = {
         kind: tuple(
-            s if s is None else s.renumbered(-late[n], s.numbers[0], s.numbers[-1] + late[n])
+            s if s is None else s.renumbered({k: k + late[n] for k in s.numbers})
             for n, s in zip(names, capture.streams(kind), strict=False)
         )
         for kind in PER_VIEW

@@ -17,14 +17,15 @@ from posegaussian.storage.importers.caliscope import unread_times
 from posegaussian.storage.importers.cameras import build_rig, check_principal_point, raw_centre
 from posegaussian.storage.importers.common import (
     chosen,
+    entries,
     folder,
-    mask_streams,
     numbered,
     subfolders,
     videos_in,
 )
 from posegaussian.storage.importers.declaration import Importer, Trait, or_broken
 from posegaussian.storage.importers.evidence import UnitOptions, check_direction, metres
+from posegaussian.storage.importers.masks import mask_streams
 from posegaussian.storage.importers.posed_pictures import Files, picture_streams
 from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.errors import CalibrationError, SourceError
@@ -106,7 +107,7 @@ def _calibration(base: Path, given: str | None) -> tuple[list[Path], Calibration
 
 
 def _in(base: Path) -> list[Path]:
-    return sorted(p for p in base.iterdir() if p.is_file())
+    return sorted(p for p in entries(base) if p.is_file())
 
 
 def _files(base: Path) -> dict[str, Files]:
@@ -132,4 +133,5 @@ IMPORTER = Importer(
             filmed=True,
         ),
     ),
+    masked=True,
 )

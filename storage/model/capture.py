@@ -19,7 +19,7 @@ import numpy as np
 from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.crop import Crop
 from posegaussian.storage.model.documents import regular
-from posegaussian.storage.model.errors import SourceError
+from posegaussian.storage.model.errors import ConfigError, SourceError
 from posegaussian.storage.model.plausible import check_rate
 from posegaussian.storage.model.spec import digest
 from posegaussian.storage.model.splits import Split
@@ -119,10 +119,13 @@ class Stream:
         """
         return self._index_of.get(number) if "indices" in self.options else number
 
-    def renumbered(self, late: int, first: int, last: int) -> Stream:
-        """What it shows at number n + `late` as number n, as far as n lies from `first` to `last`."""
-        kept = [(i, n) for i, n in enumerate(self.numbers) if first <= n - late <= last]
-        numbers = tuple(n - late for _, n in kept)
+    def renumbered(self, new: Mapping[int, int]) -> Stream | None:
+        """What it shows at number n as number `new[n]`, ascending as n does; numbers that have no new one are left
+        out, and None stands for a stream of which nothing is left."""
+        kept = [(i, n) for i, n in enumerate(self.numbers) if n in new]
+        if not kept:
+            return None
+        numbers = tuple(new[n] for _, n in kept)
         if self.kind in ONE_FILE:
             return replace(
                 self, numbers=numbers, options={**self.options, "indices": [self.index_of(n) for _, n in kept]}
@@ -204,7 +207,7 @@ class Capture:
         number n + late[v].
 
         No frame is added: what would come before the first source frame or after the last one is left out. 3D joints
-        stay.
+        stay. Raises ConfigError where that leaves a view without a picture.
         """
         if not any(late):
             return self
@@ -212,10 +215,16 @@ class Capture:
 
         def moved(kind: str) -> tuple[Stream | None, ...]:
             return tuple(
-                s if s is None or not n else s.renumbered(n, first, last)
-                for s, n in zip(self.streams(kind), late, strict=False)
+                s if s is None or not k else s.renumbered({n: n - k for n in s.numbers if first <= n - k <= last})
+                for s, k in zip(self.streams(kind), late, strict=False)
             )
 
+        for name, k, own, left in zip(self.rig.names, late, self.pictures, moved("pictures"), strict=True):
+            if left is None:
+                raise ConfigError(
+                    f"frames.time_offset: {k} frames move all pictures of camera {name} ({own.numbers[0]} to"
+                    f" {own.numbers[-1]}) out of the frames {first} to {last}; set fewer frames"
+                )
         return replace(self, **{k: moved(k) for k in ("pictures", "masks", "joints", "depth")})  # type: ignore[arg-type]
 
     def streams(self, kind: str) -> tuple[Stream | None, ...]:

@@ -15,6 +15,7 @@ import re
 import stat
 import tomllib
 import xml.etree.ElementTree as ElementTree
+from codecs import BOM_UTF8
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -98,8 +99,9 @@ def read_bytes(path: str | Path, what: str = "file", largest: int | None = LARGE
 
 
 def read_text(path: str | Path, what: str = "file", largest: int = LARGEST_TEXT) -> str:
-    """The text of a file in UTF-8, line ends as \\n. Raises SourceError, with the line of what is no UTF-8."""
-    raw = read_bytes(path, what, largest)
+    """The text of a file in UTF-8, line ends as \\n, without the byte order mark that editors of Windows begin it with.
+    Raises SourceError, with the line of what is no UTF-8."""
+    raw = read_bytes(path, what, largest).removeprefix(BOM_UTF8)
     try:
         text = raw.decode("utf-8")
     except UnicodeDecodeError as e:

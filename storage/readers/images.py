@@ -54,17 +54,33 @@ def read_picture(path: str | Path) -> np.ndarray:
 
 
 def read_mask(path: str | Path, alpha: bool = False) -> np.ndarray:
-    """[h, w] uint8 of the first channel, or with `alpha` of the fourth: 8 bit as it is, 16 bit scaled,
-    float 0..1 scaled to 0..255. Raises SourceError."""
+    """[h, w] uint8 of a mask: the largest channel of its colour, or its alpha where the colour is the same everywhere
+    and the alpha is not opaque; with `alpha` that of a picture.
+
+    8 bit as it is, 16 bit scaled, but 0 and 1 as they are where nothing is larger, float 0..1 scaled to 0..255. Raises
+    SourceError.
+    """
     values = _read(path)
     if alpha and values.shape[2] < MOST_CHANNELS:
         raise SourceError(f"picture {path} has {values.shape[2]} channels and no alpha, unlike others of its camera")
-    first = values[..., MOST_CHANNELS - 1 if alpha else 0]
-    if first.dtype != np.float32:
-        return _to_bytes(first)
-    if np.isnan(first).any():
-        raise SourceError(f"mask {path} holds NaN in {np.isnan(first).sum()} pixels; write it again without NaN")
-    return np.rint(np.clip(first, 0, 1) * 255).astype(np.uint8)
+    mask = values[..., MOST_CHANNELS - 1] if alpha else _subject(values)
+    if mask.dtype != np.float32:
+        return mask.astype(np.uint8) if mask.max() <= 1 else _to_bytes(mask)
+    if np.isnan(mask).any():
+        raise SourceError(f"mask {path} holds NaN in {np.isnan(mask).sum()} pixels; write it again without NaN")
+    return np.rint(np.clip(mask, 0, 1) * 255).astype(np.uint8)
+
+
+def _subject(values: np.ndarray) -> np.ndarray:
+    """[h, w] where a mask's subject is, of its channels [h, w, c]: grey or colour, and perhaps alpha behind them."""
+    channels = values.shape[2]
+    with_alpha = channels in (2, MOST_CHANNELS)
+    colour = values[..., : channels - with_alpha].max(axis=2)
+    if with_alpha and (colour == colour[0, 0]).all():
+        alpha = values[..., -1]
+        opaque = 1 if alpha.dtype == np.float32 else np.iinfo(alpha.dtype).max
+        return alpha if alpha.min() < opaque else colour
+    return colour
 
 
 def read_depth(path: str | Path) -> np.ndarray:

@@ -24,6 +24,10 @@ from posegaussian.storage.model.plausible import check_picture
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".avi", ".webm")
 """File endings that count as videos, lower case."""
 
+LONG_GAP = 1.5
+"""Times the usual gap between frames from which on a gap is a long one."""
+_OFF_MULTIPLE = 0.2
+"""Usual gaps by which a long one may miss a whole number of them: clocks of cameras and times in ms are that exact."""
 _SEEK_GAP = 48
 """Frames ahead above which seeking is tried instead of decoding on; usual distance of keyframes."""
 # ITU-T H.273 matrix coefficients -> the value PyAV's Colorspace has for swscale.
@@ -41,8 +45,10 @@ class _Index:
     """Presentation time of every frame, ascending; None where the container gives none, then frames are counted."""
     keys: tuple[tuple[int, int], ...]
     """(frame index, decode time) of every keyframe, ascending."""
-    spacing: tuple[float, float]
-    """Shortest and longest time between frames, seconds."""
+    seconds: np.ndarray
+    """[count] when each frame is shown, ascending; empty where the container gives no times."""
+    periods: tuple[int, ...] | None
+    """As the property of `VideoFile`."""
     timecode: str | None
     """As the file has it."""
 
@@ -74,13 +80,19 @@ class VideoFile:
 
     @property
     def rate(self) -> float:
-        """Frames per second, on average."""
+        """Frames per second, on average; of a video that lacks frames, as if they were there."""
         return self._index.rate
 
     @property
-    def spacing(self) -> tuple[float, float]:
-        """Shortest and longest time between consecutive frames, seconds; (0, 0) where the file does not say."""
-        return self._index.spacing
+    def seconds(self) -> np.ndarray:
+        """[count] when each frame is shown, ascending; empty where the file does not say."""
+        return self._index.seconds
+
+    @property
+    def periods(self) -> tuple[int, ...] | None:
+        """By how many frames each frame comes after the first, counting those that were dropped between them; None
+        where none was, or where times do not tell."""
+        return self._index.periods
 
     @property
     def timecode(self) -> str | None:
@@ -164,17 +176,20 @@ def _opened(path: str | Path) -> Iterator[tuple[Any, Any]]:
 @lru_cache(maxsize=512)
 def _scan(path: str, size: int, mtime_ns: int) -> _Index:
     """Index of one state of a file; size and modification time are the cache's key."""
-    packets, corrupt = [], 0
+    packets, corrupt, last = [], 0, 0
     with _opened(path) as (container, stream):
         promised = stream.frames
         for p in container.demux(stream):
             if p.size:
                 packets.append((p.pts, p.dts, p.is_keyframe, p.is_discard))
                 corrupt += p.is_corrupt
+                last = max(last, (p.dts if p.pts is None else p.pts) or 0)
         base = float(stream.time_base)
-        rate = stream.average_rate or stream.guessed_rate
+        rate, guessed = stream.average_rate or stream.guessed_rate, stream.guessed_rate
         timecode = _timecode(container, stream)
-    if corrupt or len(packets) < promised:
+        # AVI counts time in frames, and promises those, too, that were dropped: nothing is stored of them.
+        held = last + 1 if container.format.name == "avi" else len(packets)
+    if corrupt or held < promised:
         raise SourceError(
             f"video {path} is cut off: it promises {promised} frames"
             f" and holds {len(packets) - corrupt} whole ones; copy it again"
@@ -193,9 +208,11 @@ def _scan(path: str, size: int, mtime_ns: int) -> _Index:
     exact = len(set(times)) == len(packets)
     place = {t: i for i, t in enumerate(times)}
     keys = sorted((place[pts], dts if dts is not None else pts) for pts, dts, key, _ in packets if key) if exact else []
-    gaps = np.diff(times) * base if exact and len(times) > 1 else np.zeros(1)
-    if not rate and gaps[0] > 0:
-        rate = 1 / gaps.mean()
+    seconds = np.array(times) * base if exact else np.zeros(0)
+    periods = _periods(seconds)
+    if len(seconds) > 1 and (periods is not None or not rate):
+        passed, rates = periods[-1] if periods else len(seconds) - 1, [rate, guessed]
+        rate = _rate(passed, float(seconds[-1] - seconds[0]), base, [float(r) for r in rates if r])
     return _Index(
         len(packets),
         shown,
@@ -203,9 +220,31 @@ def _scan(path: str, size: int, mtime_ns: int) -> _Index:
         turns,
         tuple(times) if exact else None,
         tuple(keys),
-        (float(gaps.min()), float(gaps.max())),
+        seconds,
+        periods,
         timecode,
     )
+
+
+def _periods(seconds: np.ndarray) -> tuple[int, ...] | None:
+    """What `VideoFile.periods` says of frames shown at these times: gaps that are longer than the usual one are whole
+    multiples of it where frames were dropped, and something between where the rate varies."""
+    gaps = np.diff(seconds)
+    usual = gaps[gaps < LONG_GAP * np.median(gaps)] if len(gaps) else gaps
+    if not len(usual) or len(usual) == len(gaps):
+        return None
+    apart = gaps / usual.mean()
+    whole = np.rint(apart).astype(np.int64)
+    if whole.min() < 1 or np.abs(apart - whole).max() > _OFF_MULTIPLE:
+        return None
+    return (0, *np.cumsum(whole).tolist())
+
+
+def _rate(passed: int, span: float, unit: float, named: Sequence[float]) -> float:
+    """Frames per second where so many pass in `span` seconds: the rate the file names, if its times, which are whole
+    `unit`s of seconds, do not contradict it."""
+    measured = passed / span
+    return next((r for r in named if abs(r * span - passed) <= 2 * unit * r), measured)
 
 
 def _timecode(container: Any, stream: Any) -> str | None:

@@ -26,20 +26,25 @@ def write_clip(
     tags: dict[str, int] | None = None,
     rotation: int = 0,
     timecode: str | None = None,
+    times: Sequence[int] | None = None,
+    unit: Fraction | None = None,
     **options: Any,
 ) -> Path:
-    """Encode frames as they are: no colour conversion happens."""
+    """Encode frames as they are: no colour conversion happens. `times` are when they are shown, in units of `unit`
+    seconds; by default frame after frame."""
     with av.open(str(path), "w") as container:
         if timecode is not None:
             container.metadata["timecode"] = timecode
         stream = container.add_stream(codec, rate=Fraction(rate), options={k: str(v) for k, v in options.items()})
+        if unit is not None:
+            stream.time_base = stream.codec_context.time_base = unit
         stream.width, stream.height, stream.pix_fmt = frames[0].width, frames[0].height, frames[0].format.name
         for name, value in (tags or {}).items():
             setattr(stream.codec_context, name, value)
         if rotation:
             stream.set_display_rotation(rotation)
         for i, frame in enumerate(frames):
-            frame.pts, frame.time_base = i, 1 / Fraction(rate)
+            frame.pts, frame.time_base = times[i] if times else i, unit or 1 / Fraction(rate)
             for name, value in (tags or {}).items():
                 setattr(frame, name, value)
             container.mux(stream.encode(frame))

@@ -67,6 +67,11 @@ def test_less_than_half_a_frame_changes_nothing(late: Pipeline) -> None:
     )
 
 
+def test_an_offset_that_leaves_a_camera_without_pictures_is_refused(late: Pipeline) -> None:
+    with pytest.raises(ConfigError, match=r"frames\.time_offset: 40 frames move all pictures of camera cam01 .* out"):
+        _ = late.with_settings(f"frames.time_offset={{{LATE}: 40}}").context().capture
+
+
 def test_an_unknown_camera_is_refused(late: Pipeline) -> None:
     with pytest.raises(ConfigError, match=r"frames\.time_offset: sequence person has no camera 'cam9'"):
         late.with_settings("frames.time_offset={cam9: 1}").context()

@@ -20,7 +20,7 @@ from posegaussian.storage.archive.array_metadata import ForeignArray
 from posegaussian.storage.archive.records import ATTRIBUTES
 from posegaussian.storage.archive.store import FORMAT, MAX_CHUNK_BYTES, Archive, SequenceGroup, layout, local_path
 from posegaussian.storage.files.write import write_atomically
-from posegaussian.storage.model.errors import ArchiveError
+from posegaussian.storage.model.errors import ArchiveError, SourceError
 from posegaussian.storage.model.spec import ArraySpec
 from tests.support.sample_captures import make_capture, make_rig, make_sequence
 
@@ -259,11 +259,29 @@ def test_a_file_url_is_the_folder_it_names(tmp_path: Path) -> None:
     assert local_path(f"file://{folder}") == local_path(folder.as_uri()) == local_path(str(folder)) == folder
 
 
-@pytest.mark.parametrize("name", ["", ".hidden", "_receipts", "a/b", "a\\b", "..", "c:d"])
+@pytest.mark.parametrize("name", ["", ".hidden", "_receipts", "a/b", "a\\b", "..", "c:d", "-x"])
 def test_a_name_that_cannot_be_a_folder_is_refused(tmp_path: Path, name: str) -> None:
     with pytest.raises(ArchiveError, match="cannot be a folder's name"):
         Archive.open(str(tmp_path)).create_sequence(name, make_capture(), 4)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_record_that_could_not_be_read_again_is_not_written(tmp_path: Path) -> None:
+    """Nor does it take the place of one that can."""
+    kept = make_sequence(tmp_path)
+    good = make_capture()
+    empty = replace(good.masks[0], files=(), numbers=())  # type: ignore[type-var]
+    for broken in (
+        replace(good, masks=(empty, *good.masks[1:])),
+        replace(good, pictures=good.pictures[1:]),
+        replace(good, held_out=("cam9",)),
+    ):
+        with pytest.raises(SourceError, match=r"the capture of layout images cannot be registered: .*nothing was wr"):
+            Archive.open(str(tmp_path)).create_sequence("kick", broken, 4)
+        with pytest.raises(SourceError):
+            Archive.open(str(tmp_path)).create_sequence("other", broken, 4)
+    assert Archive.open(str(tmp_path)).names() == ["kick"]
+    assert Archive.open(str(tmp_path)).sequence("kick").capture.to_json() == kept.capture.to_json()
 
 
 def test_the_catalogue_has_one_row_a_sequence(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -118,6 +119,19 @@ def test_openpose_folders(base):
     np.testing.assert_allclose(joints.read(2, 2)[1, 0, :2], import_capture.known_pixels()[2] + 0.5, atol=1e-11)
 
 
+CIRCLED, SQUARED, ARABIC = "\u2460\u2461\u2462", ("cam1\u00b2", "cam2\u00b2", "cam10\u00b2"), "\u0661\u0662\u0663"
+
+
+@pytest.mark.parametrize("names", [CIRCLED, SQUARED, ARABIC])
+def test_digits_that_are_no_numbers_are_names_as_any(tmp_path: Path, names: Sequence[str]) -> None:
+    data = cameras()
+    for entry, name in zip(data["cameras"], names, strict=True):  # type: ignore[call-overload]
+        entry["name"] = name
+    import_capture.pictures(tmp_path / "images", tuple(names))
+    import_capture.dump(tmp_path / "cameras.json", data)
+    assert find(tmp_path).rig.names == tuple(names)
+
+
 def test_numbers_come_from_file_names(base):
     import_capture.pictures(base / "images", frames=(3, 12, 20))
     for p in base.glob("images/*/00000[0-2].png"):
@@ -168,7 +182,7 @@ WRONG = {
     "size": (lambda b: change(b, width=128), r"camera cam1: pictures are 64x48 px, the calibration is for 128x48 px"),
     "no camera for a folder": (
         lambda b: import_capture.pictures(b / "images", ("extra",)),
-        r"images/extra have no camera in .*cameras\.json",
+        r"images/extra have no camera in .*cameras\.json.*; add it there, or .* --option cameras=cam1,cam2,cam10$",
     ),
     "no pictures": (lambda b: [p.unlink() for p in b.glob("images/*/*")], "no pictures in"),
     "depth size": (

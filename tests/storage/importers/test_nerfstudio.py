@@ -202,6 +202,25 @@ def test_a_camera_that_moves_is_refused(tmp_path: Path) -> None:
         find(tmp_path)
 
 
+def test_paths_in_full_below_the_capture_are_those_relative_to_it(base: Path) -> None:
+    relative = find(base).to_json()
+    data = transforms()
+    for f in data["frames"]:
+        f["file_path"] = str(base.resolve() / f["file_path"])
+    assert find(write(base, data)).to_json() == relative
+
+
+def test_a_picture_that_is_not_there_is_named_with_what_this_layout_can_do(tmp_path: Path) -> None:
+    """The option images, which colmap has, is none of its own."""
+    write(tmp_path, transforms("{cam}_{n:06d}.png"))
+    with pytest.raises(UserError, match=r"such as cam1_000000\.png, in .*; put it there, or correct its file_path$"):
+        find(tmp_path)
+    for name in import_capture.NAMES:
+        write_png(tmp_path / f"{name}_000000.png", np.zeros((48, 64, 3), np.uint8))
+    with pytest.raises(UserError, match=r"image cam1_000001\.png of the model is not in .*; put it there, or correct"):
+        find(tmp_path)
+
+
 def change(**values: Any):
     def apply(data: dict[str, Any]) -> None:
         data["frames"][4].update(values)

@@ -60,6 +60,25 @@ def test_each_layout_is_recognised_by_what_is_there(layout: str, request: pytest
     assert found.to_json() == {**find_capture(layout, base, {}).to_json(), "notes": found.notes}
 
 
+CLUTTER = ("@eaDir", "__MACOSX", ".ipynb_checkpoints")
+"""Folders of a NAS, of macOS and of Jupyter."""
+
+
+@pytest.mark.parametrize("layout", IMPORTERS)
+def test_what_macos_a_nas_or_jupyter_leave_changes_nothing(layout: str, request: pytest.FixtureRequest) -> None:
+    base: Path = request.getfixturevalue(layout)
+    clean = find_capture("auto", base, {}).to_json()
+    for place in [base, *(p for p in base.rglob("*") if p.is_dir())]:
+        files = [p for p in place.iterdir() if p.is_file()]
+        for name in CLUTTER:
+            (place / name).mkdir()
+        for file in files:
+            (place / f"._{file.name}").write_bytes(b"\0\5\x16\7Mac OS X")
+            for name in CLUTTER:
+                shutil.copy(file, place / name / file.name)
+    assert find_capture("auto", base, {}).to_json() == clean
+
+
 @pytest.mark.parametrize(
     ("named", "there"), [(a, b) for a in IMPORTERS for b in IMPORTERS if a != b and (a, b) != ("pose2sim", "caliscope")]
 )

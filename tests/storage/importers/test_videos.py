@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -159,6 +160,16 @@ def test_realitycapture(tmp_path: Path) -> None:
         np.testing.assert_allclose(capture.rig.intrinsics[v], expected, atol=1e-6)
     np.testing.assert_allclose(capture.rig.distortion[0, :5], ring.DISTORTION)
     assert any("cameras.csv says no unit" in n for n in capture.notes)
+
+
+def test_a_hint_can_be_pasted_whatever_cameras_are_called(tmp_path: Path) -> None:
+    films(tmp_path)
+    metashape(tmp_path, change=lambda t: t.replace("<scale>0.5</scale>", "").replace('label="cam', 'label="my cam '))
+    for v in range(3):
+        (tmp_path / f"cam{v}.mp4").rename(tmp_path / f"my cam {v}.mp4")
+    (told,) = [n for n in find(tmp_path).notes if "says no unit" in n]
+    words = shlex.split(told[told.index("--option") :])
+    assert words[:2] == ["--option", "distance=my cam 0,my cam 2,METRES"]
 
 
 def test_which_calibration(base: Path) -> None:

@@ -1,0 +1,111 @@
+"""Videos, one a camera, whose frames of one number are one instant: streams, rates, and frames that were dropped.
+
+A camera drops frames while it films: its file has none there and times that tell so. Its later frames are numbered by
+their times, so that they stay in step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from posegaussian.storage.importers.common import ranges
+from posegaussian.storage.model.capture import PER_VIEW, Capture, SourceFile, Stream
+from posegaussian.storage.model.errors import SourceError
+from posegaussian.storage.readers.video import LONG_GAP, VideoFile
+
+_RATE_TOLERANCE = 0.01
+SAME_RATE = 5e-4
+"""Relative difference of frame rates below which frames of two videos stay in step; 29.97 and 30 differ by 1e-3."""
+
+
+def video_streams(videos: Mapping[str, Path], frame_rate: float | None) -> tuple[list[Stream], float, list[str]]:
+    """(streams, frames per second, notes) of one video a camera.
+
+    Raises SourceError for a video that cannot be read, and for rates that differ by more than 1 %: frame n must be the
+    same instant in every view.
+    """
+    opened = {name: VideoFile(p) for name, p in videos.items()}
+    streams = [
+        Stream("video", (SourceFile.of(videos[name]),), tuple(range(v.count)), v.size) for name, v in opened.items()
+    ]
+    rates = {name: v.rate for name, v in opened.items()}
+    low, high = min(rates, key=rates.__getitem__), max(rates, key=rates.__getitem__)
+    if frame_rate is None and rates[high] > rates[low] * (1 + _RATE_TOLERANCE):
+        raise SourceError(
+            f"camera {high} runs at {rates[high]:g} frames/s and camera {low} at {rates[low]:g}; frame n must be one"
+            " instant: give all one rate, or set frame_rate"
+        )
+    rate = frame_rate or rates[high]
+    if rate <= 0:
+        raise SourceError(f"video {opened[high].path} gives no frame rate; set frame_rate")
+    notes = _drift(rates) if frame_rate is None else []
+    return streams, rate, notes + [said for n, v in opened.items() for said in _unsteady(n, v, rate)]
+
+
+def are_counted(capture: Capture) -> bool:
+    """Whether all cameras are videos whose frames are numbered in the order of the file so far."""
+    return all(s.kind == "video" and "indices" not in s.options for s in capture.pictures)
+
+
+def with_dropped(capture: Capture) -> Capture:
+    """The capture with the frames of videos numbered by their times where some were dropped, and with sentences on it.
+
+    Masks, joints and depth of a view, which are numbered as the frames in its file, go with its pictures. Where joints
+    in space are given, which are numbered so, too, numbers stay.
+    """
+    videos = {n: VideoFile(s.files[0].path) for n, s in zip(capture.rig.names, capture.pictures, strict=True)}
+    periods = {n: v.periods for n, v in videos.items() if v.periods is not None}
+    notes = tuple(_lacking(n, p, capture.joints3d is None) for n, p in periods.items())
+    if capture.joints3d is not None or not periods:
+        return replace(capture, notes=(*capture.notes, *notes))
+    kinds = {
+        kind: tuple(
+            s if s is None or n not in periods else s.renumbered(dict(enumerate(periods[n])))
+            for n, s in zip(capture.rig.names, capture.streams(kind), strict=False)
+        )
+        for kind in PER_VIEW
+    }
+    return replace(capture, **kinds, notes=(*capture.notes, *notes))  # type: ignore[arg-type]
+
+
+def _drift(rates: Mapping[str, float]) -> list[str]:
+    """The sentence about cameras whose rates differ so much that they part."""
+    low, high = min(rates.values()), max(rates.values())
+    if high <= low * (1 + SAME_RATE):
+        return []
+    each = {f"{r:.4g}": [n for n in rates if f"{rates[n]:.4g}" == f"{r:.4g}"] for r in sorted(rates.values())}
+    told = ", ".join(f"{rate} frames/s of {', '.join(names)}" for rate, names in each.items())
+    said = (
+        f"rates differ: {told}; slowest and fastest are a frame apart after {1 / (high - low):.1f} s, and frame n is"
+        " taken as one instant: convert all videos to one rate, or, where the files say it wrongly, set frame_rate"
+    )
+    return [said]
+
+
+def _unsteady(name: str, video: VideoFile, rate: float) -> list[str]:
+    """The sentence about a video whose frames are not evenly spaced, for another reason than that some were dropped."""
+    gaps = np.diff(video.seconds)
+    if video.periods is not None or not len(gaps) or gaps.max() <= LONG_GAP * gaps.min():
+        return []
+    at = int(np.argmax(gaps > LONG_GAP * gaps.min())) + 1
+    said = (
+        f"camera {name}: frames are {1000 * gaps.min():.1f} to {1000 * gaps.max():.1f} ms apart; time is taken as"
+        f" frame / {rate:g}, which is off from frame {at} on; convert the video to a constant rate"
+    )
+    return [said]
+
+
+def _lacking(name: str, periods: tuple[int, ...], numbered: bool) -> str:
+    """The sentence about frames that a camera dropped."""
+    dropped = np.setdiff1d(np.arange(periods[-1] + 1), periods)
+    told = f"camera {name} dropped {dropped.size} frames while it filmed ({ranges(dropped)})"
+    if numbered:
+        return f"{told}; its later frames are numbered by their times"
+    return (
+        f"{told}, and is out of step from frame {int(dropped[0])} on: joints in space are numbered as frames are in the"
+        " files, so numbers stay; leave those joints away, or that camera"
+    )

@@ -1,0 +1,125 @@
+"""Videos of one rig: rates that part, frames that a camera dropped, and what goes with them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from posegaussian.storage.importers.films import with_dropped
+from posegaussian.storage.model.capture import Capture, SourceFile, Stream
+from posegaussian.storage.model.errors import SourceError
+from posegaussian.storage.readers.sources import open_source
+from posegaussian.storage.readers.video import VideoFile
+from tests.storage.importers.test_videos import NAMES, find, kalibr
+from tests.support import known_geometry, ring
+from tests.support.video_clips import counted, counting_clip, planes, write_clip
+
+WHOLE = tuple(range(12))
+DROPPED = (0, 1, 2, 4, 5, 8, 9, 10, 11)
+"""Instants that a camera kept; 3, 6 and 7 are lacking."""
+MS = Fraction(1, 1000)
+
+
+def film(path: Path, instants: Sequence[int], times: Sequence[int] | None = None, **more: object) -> Path:
+    """A video whose frame at instant i is the grey i, shown at 1/30 i s or at the given times in ms."""
+    greys = [planes(np.full(ring.SIZE[::-1], 16 + 3 * i, np.uint8)) for i in instants]
+    if path.suffix == ".avi":
+        return write_clip(path, greys, "mpeg4", times=list(instants), g=5, qmin=1, qmax=2, **more)
+    shown = times or [round(1000 * i / 30) for i in instants]
+    return write_clip(path, greys, times=shown, unit=MS, crf=1, **more)
+
+
+def films(base: Path, suffix: str, lacking: Sequence[int] = DROPPED, **more: object) -> Path:
+    base.mkdir(parents=True, exist_ok=True)
+    for name in NAMES:
+        film(base / f"{name}{suffix}", lacking if name == "cam1" else WHOLE, **more)
+    kalibr(base)
+    return base
+
+
+def said(capture: Capture, about: str) -> list[str]:
+    return [n for n in capture.notes if about in n]
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".mkv", ".avi"])
+def test_frames_after_a_dropped_one_stay_in_step(tmp_path: Path, suffix: str) -> None:
+    """Whatever the container: every frame keeps the number of its instant, and those that were dropped are lacking."""
+    capture = find(films(tmp_path, suffix))
+    assert [s.numbers for s in capture.pictures] == [WHOLE, DROPPED, WHOLE]
+    source = open_source(capture, "pictures")
+    assert [counted(p) for p in source.read(1, DROPPED)] == list(DROPPED)
+    assert [counted(p) for p in source.read(1, [8, 11])] == [8, 11]
+    assert said(
+        capture, "camera cam1 dropped 3 frames while it filmed (3, 6-7); its later frames are numbered by their"
+    )
+    assert said(capture, "camera cam1 lacks pictures of 3 frames (3, 6-7)")
+    assert capture.frame_rate == pytest.approx(30, rel=2e-3)
+    assert not said(capture, "rates differ")
+    with pytest.raises(SourceError, match="camera cam1 has no picture of frame 6"):
+        next(source.read(1, [6]))
+
+
+def test_masks_go_with_the_frames_of_the_file(tmp_path: Path) -> None:
+    films(tmp_path, ".mp4")
+    for v, name in enumerate(NAMES):
+        for at in range(len(DROPPED) if v == 1 else len(WHOLE)):
+            ring.write_mask(tmp_path / "masks" / name / f"{at:06d}.png", v, at)
+    assert [s.numbers for s in find(tmp_path).masks if s] == [WHOLE, DROPPED, WHOLE]
+
+
+def test_timecodes_bring_videos_with_dropped_frames_into_step(tmp_path: Path) -> None:
+    films(tmp_path, ".mkv", timecode="01:00:00:00")
+    film(tmp_path / "cam2.mkv", WHOLE, timecode="01:00:00:05")
+    capture = find(tmp_path)
+    assert [s.numbers for s in capture.pictures] == [WHOLE, DROPPED, tuple(n + 5 for n in WHOLE)]
+
+
+def test_joints_in_space_keep_the_numbers_of_the_files(tmp_path: Path) -> None:
+    videos = [SourceFile.of(p) for p in (film(tmp_path / "a.mp4", WHOLE), film(tmp_path / "b.mp4", DROPPED))]
+    streams = tuple(Stream("video", (f,), tuple(range(VideoFile(f.path).count)), ring.SIZE) for f in videos)
+    joints = Stream("trc", (videos[0],), WHOLE, options={"joint_set": "body_25"})
+    given = Capture("pose2sim", known_geometry.ring(2, ring.SIZE), 30.0, streams, joints3d=joints)
+    assert with_dropped(given).pictures == streams
+    assert said(
+        with_dropped(given), "is out of step from frame 3 on: joints in space are numbered as frames are in the"
+    )
+    assert [s.numbers for s in with_dropped(replace(given, joints3d=None)).pictures] == [WHOLE, DROPPED]
+
+
+def test_frames_that_come_at_uneven_times_are_counted_and_it_is_said_from_where_on(tmp_path: Path) -> None:
+    """A gap of one and a half usual ones does not tell whether an instant is lacking."""
+    films(tmp_path, ".mp4")
+    film(tmp_path / "cam1.mp4", range(6), [0, 33, 67, 120, 153, 186])
+    capture = find(tmp_path, frame_rate=30)
+    assert capture.pictures[1].numbers == tuple(range(6))
+    (told,) = said(capture, "ms apart")
+    assert told.startswith("camera cam1: frames are 33.0 to 53.0 ms apart")
+    assert "off from frame 3 on" in told
+
+
+def test_rates_at_which_cameras_part_are_said_with_when(tmp_path: Path) -> None:
+    for name, rate in zip(NAMES, (30, Fraction(30000, 1001), 30), strict=True):
+        counting_clip(tmp_path / f"{name}.mp4", 5, ring.SIZE, rate=rate)
+    kalibr(tmp_path)
+    (told,) = said(find(tmp_path), "rates differ")
+    assert told.startswith(
+        "rates differ: 29.97 frames/s of cam1, 30 frames/s of cam0, cam2; slowest and fastest are a frame apart after"
+        " 33.4 s"
+    )
+    assert not said(find(tmp_path, frame_rate=30), "rates differ")
+    counting_clip(tmp_path / "cam1.mp4", 5, ring.SIZE, rate=30)
+    assert not said(find(tmp_path), "rates differ")
+
+
+def test_an_avi_that_is_cut_off_is_refused_whatever_it_dropped(tmp_path: Path) -> None:
+    whole = film(tmp_path / "whole.avi", DROPPED)
+    assert VideoFile(whole).count == len(DROPPED)
+    raw = whole.read_bytes()
+    (tmp_path / "cut.avi").write_bytes(raw[: raw.index(b"movi") + (len(raw) - raw.index(b"movi")) // 2])
+    with pytest.raises(SourceError, match=r"cut\.avi is cut off: it promises 12 frames and holds"):
+        VideoFile(tmp_path / "cut.avi")

@@ -1,0 +1,208 @@
+"""Which mask belongs to which picture, what its values mean, and that none is passed over in silence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from posegaussian.storage.importers.find import find_capture
+from posegaussian.storage.model.capture import Capture
+from posegaussian.storage.model.errors import UserError
+from posegaussian.storage.readers.images import write_png
+from posegaussian.storage.readers.sources import open_source
+from tests.storage.importers import test_images, test_nerfstudio, test_pose2sim, test_videos
+from tests.support import colmap_files, import_capture, ring
+
+NAMES = import_capture.NAMES
+FRAMES = (0, 1, 2)
+
+
+def folders(base: Path, pictures: tuple[int, ...] = FRAMES) -> Path:
+    """The layout `images`, without masks."""
+    import_capture.pictures(base / "images", frames=pictures)
+    import_capture.dump(base / "cameras.json", test_images.cameras())
+    return base
+
+
+def masks(base: Path, names: tuple[str, ...] = NAMES, numbers: tuple[int, ...] = FRAMES, value: int = 255) -> Path:
+    """The mask of instant i under the i-th number."""
+    for v, name in enumerate(names):
+        for i, n in enumerate(numbers):
+            ring.write_mask(base / "masks" / name / f"{n:06d}.png", v, i, value)
+    return base
+
+
+def find(base: Path) -> Capture:
+    return find_capture("images", base, {})
+
+
+def said(capture: Capture, about: str) -> list[str]:
+    return [n for n in capture.notes if about in n]
+
+
+def check(capture: Capture, instants: dict[int, int]) -> None:
+    ring.check_masks(capture, range(3), instants)
+
+
+@pytest.mark.parametrize(
+    ("pictures", "numbers", "sentence"),
+    [
+        ((20, 21), (0, 1), "camera cam1: its masks are frames 0-1, its pictures 20-21: none fits; number"),
+        ((0, 1, 2), (7,), "its masks are frames 7, its pictures 0-2: none fits; number masks as their pictures are"),
+        ((1, 2, 3), (0, 1, 2), "its masks are frames 0-2, its pictures 1-3: as many, and 1 off in every camera"),
+    ],
+)
+def test_masks_under_numbers_of_no_picture_are_refused(
+    tmp_path: Path, pictures: tuple[int, ...], numbers: tuple[int, ...], sentence: str
+) -> None:
+    with pytest.raises(UserError, match=sentence):
+        find(masks(folders(tmp_path, pictures), numbers=numbers))
+
+
+def test_masks_of_no_picture_are_named(tmp_path: Path) -> None:
+    capture = find(masks(folders(tmp_path), numbers=(0, 1, 2, 3, 7)))
+    check(capture, {0: 0, 2: 2})
+    assert len(said(capture, "masks of 2 frames (3, 7) belong to no picture and are left out")) == 3
+    assert not said(find(masks(folders(tmp_path / "all"))), "masks")
+
+
+def films(base: Path) -> Path:
+    test_videos.write(base)
+    return base
+
+
+def test_masks_of_videos_that_are_counted_from_1_go_with_frames_one_to_one(tmp_path: Path) -> None:
+    """As ffmpeg writes them; the law: whatever they are counted from, they are the same masks."""
+    for first in (0, 1, 40):
+        base = films(tmp_path / str(first))
+        capture = test_videos.find(masks(base, test_videos.NAMES, tuple(range(first, first + 3))))
+        check(capture, {0: 0, 1: 1, 2: 2})
+        (told,) = said(capture, "one to one") if first else [f"numbered from {first} where"]
+        assert f"numbered from {first} where" in told
+
+
+def test_masks_of_some_frames_of_a_video_keep_their_numbers(tmp_path: Path) -> None:
+    """Two masks of three frames: which frames these are only their numbers tell."""
+    capture = test_videos.find(masks(films(tmp_path), test_videos.NAMES, (1, 2)))
+    check(capture, {1: 0, 2: 1})
+    capture = test_videos.find(masks(films(tmp_path), test_videos.NAMES, (1, 2, 3, 4)))
+    assert said(
+        capture, "masks of 2 frames (3-4) belong to no picture and are left out; number masks as their pictures"
+    )
+
+
+def written(kind: str) -> Callable[[Path, np.ndarray], None]:
+    """Writes a mask [h, w] of 0 and 255 in another way than grey of 8 bit."""
+
+    def write(path: Path, mask: np.ndarray) -> None:
+        none, full = np.zeros_like(mask), np.full_like(mask, 255)
+        values = {
+            "16 bit of 0 and 1": (mask > 0).astype(np.uint16),
+            "16 bit": mask.astype(np.uint16) * 257,
+            "green": np.dstack([none, mask // 2 + (mask > 0), none]),
+            "black with alpha": np.dstack([none, none, none, mask]),
+            "white with alpha": np.dstack([full, full, full, mask]),
+            "two colours": np.dstack([none, np.where(np.arange(mask.shape[1]) < 12, mask, 0), np.where(
+                np.arange(mask.shape[1]) < 12, 0, mask)]),
+        }[kind]  # fmt: skip
+        path.parent.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(path), values)
+
+    return write
+
+
+@pytest.mark.parametrize(
+    "kind", ["16 bit of 0 and 1", "16 bit", "green", "black with alpha", "white with alpha", "two colours"]
+)
+def test_legible_masks_are_read_whatever_channel_holds_them(tmp_path: Path, kind: str) -> None:
+    folders(tmp_path)
+    for v, name in enumerate(NAMES):
+        for n in FRAMES:
+            written(kind)(tmp_path / "masks" / name / f"{n:06d}.png", ring.mask(v, n))
+    check(find(tmp_path), {0: 0, 1: 1, 2: 2})
+
+
+def test_a_frame_without_the_subject_stays_empty_in_masks_of_alpha(tmp_path: Path) -> None:
+    folders(tmp_path)
+    for v, name in enumerate(NAMES):
+        for n in FRAMES:
+            seen = ring.mask(v, n) if n else np.zeros_like(ring.mask(v, n))
+            written("white with alpha")(tmp_path / "masks" / name / f"{n:06d}.png", seen)
+    source = open_source(find(tmp_path), "masks")
+    assert [bool(m.any()) for m in source.read(0, FRAMES)] == [False, True, True]
+
+
+def test_masks_that_hold_nothing_are_refused_and_those_of_one_camera_said(tmp_path: Path) -> None:
+    masks(folders(tmp_path), value=0)
+    with pytest.raises(UserError, match=r"masks hold nothing: all are 0 throughout, such as .*masks/cam1/000000\.png"):
+        find(tmp_path)
+    masks(tmp_path, NAMES[:2])
+    assert said(find(tmp_path), "masks of cam10 hold nothing in the frames looked at")
+
+
+def test_the_alpha_of_pictures_is_their_masks(tmp_path: Path) -> None:
+    folders(tmp_path)
+    for v, name in enumerate(NAMES):
+        for n in FRAMES:
+            colour = np.full((*ring.mask(v, n).shape, 3), 90, np.uint8)
+            write_png(tmp_path / "images" / name / f"{n:06d}.png", np.dstack([colour, ring.mask(v, n)]))
+    capture = find(tmp_path)
+    check(capture, {0: 0, 1: 1, 2: 2})
+    assert said(capture, "masks: the alpha of the pictures")
+    import_capture.pictures(tmp_path / "images", NAMES[:1])
+    capture = find(tmp_path)
+    assert not capture.masks
+    assert said(capture, "the alpha of the pictures of cam2, cam10 is not used as masks, as those of cam1 are opaque")
+
+
+@pytest.mark.parametrize(
+    ("name", "mask"),
+    [
+        ("{n:06d}/{cam}.png", "{cam}/{n:06d}.png"),
+        ("{n:06d}/{cam}.png", "{n:06d}/{cam}.png"),
+        ("{cam}/{n:06d}.png", "{cam}/{n:06d}.png.png"),
+    ],
+)
+def test_masks_of_colmap_lie_under_the_pictures_names_or_the_cameras(tmp_path: Path, name: str, mask: str) -> None:
+    names = {(n, v): name.format(n=n, cam=cam) for n in FRAMES for v, cam in enumerate(NAMES)}
+    model = colmap_files.rig()
+    placed = [model.images[v]._replace(name=at) for (_, v), at in names.items()]
+    colmap_files.WRITE["text"](tmp_path / "sparse" / "0", model._replace(images=placed))
+    for (n, v), at in names.items():
+        ring.write_picture(tmp_path / "images" / at, v, n)
+        ring.write_mask(tmp_path / "masks" / mask.format(n=n, cam=NAMES[v]), v, n)
+    check(find_capture("colmap", tmp_path, {}), {0: 0, 1: 1, 2: 2})
+
+
+def test_masks_beside_a_file_that_names_none_are_read_as_its_pictures_lie(tmp_path: Path) -> None:
+    import_capture.pictures(tmp_path / "images")
+    test_nerfstudio.write(masks(tmp_path), test_nerfstudio.transforms())
+    check(find_capture("nerfstudio", tmp_path, {}), {0: 0, 1: 1, 2: 2})
+
+
+def test_files_that_lie_where_masks_do_and_are_none_are_said(tmp_path: Path) -> None:
+    base = films(tmp_path / "videos")
+    assert not said(test_videos.find(base), "mask")
+    (base / "masks").mkdir()
+    (base / "masks" / "cam0.mp4").write_bytes((base / "cam0.mp4").read_bytes())
+    (base / "masks" / ".DS_Store").write_bytes(b"x")
+    (told,) = said(test_videos.find(base), "none is read as a mask")
+    assert told.startswith("masks holds 1 files, such as masks/cam0.mp4, and none")
+    assert "-start_number 0" in told
+    base = folders(tmp_path / "flat")
+    (base / "mask").mkdir()
+    ring.write_mask(base / "mask" / "cam1_000000.png", 0, 0)
+    (told,) = said(find(base), "none is read as a mask")
+    assert "masks are read as masks/CAM/000000.png" in told
+
+
+def test_a_layout_without_masks_says_which_has_them(tmp_path: Path) -> None:
+    films(tmp_path)
+    test_pose2sim.write_calibration(tmp_path, test_videos.NAMES)
+    masks(tmp_path)
+    (told,) = said(find_capture("pose2sim", tmp_path, {}), "none is read as a mask")
+    assert "by the layout pose2sim; the layouts images and videos read masks/CAM/000000.png" in told
