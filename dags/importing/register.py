@@ -14,7 +14,7 @@ from posegaussian.dags.config.yaml_source import parse_value
 from posegaussian.dags.importing.replace import make_room, same
 from posegaussian.stages.imaging.camera_mapping import frames_rig
 from posegaussian.stages.registry import STAGES
-from posegaussian.storage.archive.records import check_capture
+from posegaussian.storage.archive.records import as_recorded, check_capture
 from posegaussian.storage.archive.store import SOURCES, Archive, SequenceGroup
 from posegaussian.storage.files.names import refuse_links
 from posegaussian.storage.files.write import whole_file
@@ -86,7 +86,7 @@ def register(
 
 def _updated(old: SequenceGroup, capture: Capture, length: int) -> str:
     """What importing the capture of a sequence again does to it."""
-    if json.dumps(capture.to_json()) == json.dumps(old.record["capture"]):
+    if json.dumps(as_recorded(capture, old.root)) == json.dumps(old.record["capture"]):
         return f"sequence {old.name} is unchanged"
     kept = f", and its partitions of {old.partition_frames} frames" if old.partition_frames != length else ""
     return f"sequence {old.name} was registered before; its results are kept where they still hold{kept}"

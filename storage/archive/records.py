@@ -27,6 +27,9 @@ ATTRIBUTES = "posegaussian"
 FILE = "zarr.json"
 """Name of the file of every Zarr group and array."""
 
+NESTED = ("_variants", "_reshard")
+"""Folders of an archive that hold sequences with its captures, two levels below."""
+
 MOST_BYTES = 2**30
 """Bytes of a record: every picture file of a capture is named in it."""
 
@@ -95,7 +98,7 @@ def record_text(record: dict[str, Any], beside: dict[str, Any]) -> bytes:
 def read_capture(record: dict[str, Any], file: Path) -> Capture:
     """The capture that a record describes. Raises BrokenRecord where it cannot be one, naming the record's file."""
     try:
-        capture = Capture.from_json(record["capture"])
+        capture = Capture.from_json(record["capture"], _home(file.parent))
         why = _fault(capture)
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError, IndexError) as e:
         why = f"{type(e).__name__}: {e}"
@@ -106,6 +109,19 @@ def read_capture(record: dict[str, Any], file: Path) -> Capture:
             f"{file} does not describe a capture ({why}); put the file back as it was, or import the capture again"
         )
     return capture
+
+
+def as_recorded(capture: Capture, root: Path) -> dict[str, Any]:
+    """A capture as the record of the sequence in a folder has it: files that lie in the archive by their path from the
+    archive, so that it can be moved or copied to another machine."""
+    return capture.to_json(_home(root))
+
+
+def _home(root: Path) -> str:
+    """The archive of a sequence's folder, links followed; of one within one of the archive's own folders, such as a
+    variant, that archive."""
+    within = root.resolve().parent
+    return str(within.parent.parent if within.parent.name in NESTED else within)
 
 
 def check_capture(capture: Capture) -> None:

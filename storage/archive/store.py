@@ -32,6 +32,7 @@ from posegaussian.storage.archive.array_metadata import (
 from posegaussian.storage.archive.records import (
     FILE,
     FORMAT,
+    as_recorded,
     cameras,
     check_capture,
     read_capture,
@@ -217,7 +218,9 @@ class Archive:
     def _registered(self, root: Path, capture: Capture, partition_frames: int) -> SequenceGroup:
         # The record is there from the first moment:
         # a kill in between must not leave a folder that looks like a broken sequence.
-        write_record(root, {"format": FORMAT, "partition_frames": partition_frames, "capture": capture.to_json()})
+        write_record(
+            root, {"format": FORMAT, "partition_frames": partition_frames, "capture": as_recorded(capture, root)}
+        )
         sequence = SequenceGroup(root)
         sequence.put_cameras()
         sync_folder(root)

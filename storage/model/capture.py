@@ -235,16 +235,28 @@ class Capture:
         """Whether any view has a source of that kind."""
         return any(s is not None for s in self.streams(kind))
 
-    def to_json(self) -> dict[str, Any]:
-        """Plain JSON types; `from_json` is the inverse."""
+    def to_json(self, home: str = "") -> dict[str, Any]:
+        """Plain JSON types; `from_json` with the same `home` is the inverse, or with another one, where this folder was
+        moved to: files below it go by their path from there."""
         out: dict[str, Any] = {k: getattr(self, k) for k in ("layout", "frame_rate", "notes")}
         out["rig"] = {
             "names": list(self.rig.names),
             **{k: getattr(self.rig, k).tolist() for k in ("intrinsics", "distortion", "world_to_camera", "size")},
         }
+        above = os.path.join(home, "") if home else None
+
+        def stream(s: Stream | None) -> dict[str, Any] | None:
+            if s is None:
+                return None
+            told = asdict(s)
+            for f in told["files"]:
+                if above is not None and f["path"].startswith(above):
+                    f["path"] = f["path"].removeprefix(above)
+            return told
+
         for kind in PER_VIEW:
-            out[kind] = [asdict(s) if s else None for s in self.streams(kind)]
-        out["joints3d"] = asdict(self.joints3d) if self.joints3d else None
+            out[kind] = [stream(s) for s in self.streams(kind)]
+        out["joints3d"] = stream(self.joints3d)
         out["crops"] = {name: crop.model_dump() for name, crop in self.crops.items()}
         out["held_out"] = self.held_out
         if self.data_set:
@@ -254,15 +266,15 @@ class Capture:
         return out
 
     @classmethod
-    def from_json(cls, data: dict[str, Any]) -> Capture:
-        """The capture that `to_json` described."""
+    def from_json(cls, data: dict[str, Any], home: str = "") -> Capture:
+        """The capture that `to_json` described, what lay below its `home` below this one."""
 
         def stream(s: dict[str, Any] | None) -> Stream | None:
             if s is None:
                 return None
             return Stream(
                 s["kind"],
-                tuple(SourceFile(**f) for f in s["files"]),
+                tuple(SourceFile(**{**f, "path": os.path.join(home, f["path"])}) for f in s["files"]),
                 tuple(s["numbers"]),
                 tuple(s["size"]),
                 s["options"],
