@@ -24,6 +24,7 @@ from posegaussian.dags.runtime.in_flight import Backend
 from posegaussian.dags.session.session import Session
 from posegaussian.stages.registry import STAGES
 from posegaussian.storage.archive.deletion import delete_folder
+from posegaussian.storage.archive.lease import own_name
 from posegaussian.storage.model.errors import UserError
 
 HELD_OUT = ("held_out",)
@@ -72,6 +73,8 @@ class Probe:
     _warm: set[str] = field(default_factory=set)
     """Stages that ran: a first task of a stage imports libraries and loads kernels, which no later one does."""
     _folders: set[Path] = field(default_factory=set)
+    _name: str = field(default_factory=lambda: own_name("probe"))
+    """In the names of its folders: `clean` deletes none that another process uses."""
 
     @cached_property
     def backend(self) -> Backend:
@@ -135,7 +138,7 @@ class Probe:
         paths = HELD_OUT if self.compared else self.context.path_texts if self.context.asked_for else ()
         sequence = self.context.sequence
         length = min(FRAMES, sequence.partition_frames)
-        found = settled_variant(sequence, settings, {"probe": different}, paths, length)
+        found = settled_variant(sequence, settings, {"probe": different, "by": self._name}, paths, length)
         self._folders.add(found.sequence.root.parent)
         return found
 

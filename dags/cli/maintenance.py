@@ -68,7 +68,7 @@ def gc(
     from posegaussian.dags.maintenance.garbage_collection import collect
 
     session = open_session(config, assignments, archive)
-    failed, could_go = collect(session, session.names(sequence or ()), kind or [], apply)
+    failed, could_go = collect(session, sequence or (), kind or [], apply)
     if could_go and not apply:
         named = [("--sequence", glob) for glob in sequence or ()] + [("--kind", k) for k in kind or ()]
         say([next_command("gc", *(word for pair in named for word in pair), *session.options, "--apply")])
@@ -98,7 +98,7 @@ def reshard(
     from posegaussian.dags.maintenance.reshard import reshard as cut
 
     session = open_session(config, assignments, archive)
-    name = session.names([sequence])[0]
+    name = session.one_name(sequence)
     say(cut(session.plan(name, Selection(), tuple(path or ())), frames, give_up))
     say([next_command("status", "--sequence", name, *session.options)])
 

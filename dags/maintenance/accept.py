@@ -17,8 +17,10 @@ from posegaussian.dags.planning.fingerprint import reasons
 from posegaussian.dags.planning.plan import Plan, State, judge
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.tasks import Task, dependencies
+from posegaussian.dags.runtime import run_registry
 from posegaussian.stages.registry import ASSETS, STAGES
-from posegaussian.storage.archive.receipts import Receipt, ReceiptKey, read_receipt, write_receipt
+from posegaussian.storage.archive.lease import Lease, own_name
+from posegaussian.storage.archive.receipts import Receipt, ReceiptKey, lease_file, read_receipt, write_receipt
 from posegaussian.storage.model.errors import UserError
 from posegaussian.storage.model.spec import digest
 
@@ -56,6 +58,7 @@ def accept(plan: Plan, stage: str, reason: str, harmless: tuple[str, ...] = HARM
     Raises:
         UserError: no reason, a stage the capture does not need, an upstream stage that is not fresh, a missing shard,
             or a change of something other than version, code and settings.
+        LeaseHeld: a run works on the sequence.
     """
     name = plan.context.sequence.name
     if not reason.strip():
@@ -68,19 +71,28 @@ def accept(plan: Plan, stage: str, reason: str, harmless: tuple[str, ...] = HARM
         return [f"{name}: {stage} is fresh, there is nothing to accept"]
     made = [t for t in stale if t in plan.book.receipts]
     keyed = [_keyed(plan, task, settled, reason.strip(), harmless) for task in made]
+    run_registry.refuse_busy(plan.context.sequence, "accept")
     for task, (receipt, _) in zip(made, keyed, strict=True):
-        if read_receipt(plan.context.sequence, ReceiptKey(*task[1:])) != plan.book.receipts[task]:
-            raise UserError(
-                f"accept: {name} {task.label()} was made anew by a run in the meantime; look again with `posegaussian"
-                f" why {name} {stage}`"
-            )
-        write_receipt(plan.context.sequence, receipt)
-        plan.book.add(task, receipt)
+        _replace(plan, task, receipt)
     changes = ", ".join(dict.fromkeys(c for _, changed in keyed for c in changed)) or "no change"
     said = [f"{name}: accepted {len(made)} of {len(stale)} stale outputs of {stage}: {changes}"]
     if len(made) < len(stale):
         said.append(f"{name}: {len(stale) - len(made)} outputs of {stage} were never made; a run makes them")
     return said
+
+
+def _replace(plan: Plan, task: Task, receipt: Receipt) -> None:
+    """Write a task's receipt in the place of the one that was planned with.
+    Raises UserError where a run replaced that, LeaseHeld while one works on the task."""
+    sequence, key = plan.context.sequence, ReceiptKey(*task[1:])
+    with Lease.take(lease_file(sequence, key), own_name("accept")):
+        if read_receipt(sequence, key) != plan.book.receipts[task]:
+            raise UserError(
+                f"accept: {sequence.name} {task.label()} was made anew by a run in the meantime; look again with"
+                f" `posegaussian why {sequence.name} {task.stage}`"
+            )
+        write_receipt(sequence, receipt)
+    plan.book.add(task, receipt)
 
 
 def _settled(plan: Plan) -> set[Task]:

@@ -18,6 +18,8 @@ shards of one output at a time. Nobody can begin there meanwhile, as a run needs
 leaves at worst a receipt whose shard is missing, which the next plan sees: that one output is then made again where it
 is needed.
 
+Where sequences are named, of variants what belongs to them is offered, and no runs: a run may be of several.
+
 Never offered: sources, copied or not, cameras, constants of the survey, receipts of what stays, anything of a stage
 that this version does not know, and, while a source file is missing, anything that was computed from the sources.
 """
@@ -26,7 +28,7 @@ from __future__ import annotations
 
 import os
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial as given
 from pathlib import Path
@@ -43,6 +45,7 @@ from posegaussian.dags.planning.retention import droppable, lost_source, settled
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.tasks import PRODUCERS, Task
 from posegaussian.dags.planning.variants import FOLDER as VARIANTS
+from posegaussian.dags.planning.variants import variants
 from posegaussian.dags.runtime import run_registry
 from posegaussian.dags.runtime.entering import PATIENCE
 from posegaussian.dags.session.session import Session
@@ -58,10 +61,10 @@ from posegaussian.storage.archive.deletion import (
     partial_files,
     strays,
 )
-from posegaussian.storage.archive.lease import SUFFIX, wait_for
+from posegaussian.storage.archive.lease import SUFFIX, own_name, wait_for
 from posegaussian.storage.archive.ledger import RUNS
 from posegaussian.storage.archive.receipts import Receipt
-from posegaussian.storage.archive.store import Archive, SequenceGroup
+from posegaussian.storage.archive.store import Archive, SequenceGroup, sequence_name_fault
 from posegaussian.storage.files.names import files_below, folders_in
 from posegaussian.storage.files.write import FULL
 from posegaussian.storage.model.errors import ConfigError, NotWritten
@@ -100,16 +103,19 @@ class Deletable:
     """Deletes it."""
     pieces: Callable[[], Iterator[None]] = lambda: iter(())
     """Deletes it, too, one piece with every step, and writes nothing: for a disk on which nothing can be written."""
+    holds: tuple[SequenceGroup, ...] = ()
+    """Sequences of variants that go with it."""
 
 
-def items(plans: Sequence[Plan], archive: Archive) -> list[Deletable]:
-    """All that could go of some planned sequences and of the archive they lie in."""
+def items(plans: Sequence[Plan], archive: Archive, names: Collection[str] | None = None) -> list[Deletable]:
+    """All that could go of some planned sequences and of the archive they lie in; `names`: sequences that alone are
+    asked for."""
     found: list[Deletable] = []
     for plan in plans:
         found += [*_strays(plan), *_unwanted(plan)]
         if lost_source(plan.context) is None:
             found += _arrays(plan)
-    return [*found, *_variants(archive), *_kept(archive), *_runs(archive)]
+    return [*found, *_variants(archive, names), *_kept(archive, names), *(_runs(archive) if names is None else ())]
 
 
 def notes(plans: Sequence[Plan]) -> list[str]:
@@ -124,9 +130,9 @@ def notes(plans: Sequence[Plan]) -> list[str]:
 
 def apply(chosen: Sequence[Deletable], plans: Sequence[Plan]) -> int:
     """Delete; returns the bytes freed. Raises ArchiveError before anything is touched when a run is at work on a
-    sequence, NotWritten where there is no room for its own lease and none can be made."""
+    sequence or on a variant that goes, NotWritten where there is no room for its own lease and none can be made."""
     sequences = {p.context.sequence.name: p.context.sequence for p in plans}
-    for sequence in sequences.values():
+    for sequence in (*sequences.values(), *(s for item in chosen for s in item.holds)):
         run_registry.refuse_busy(sequence, "gc --apply")
     freed = 0
     for item in sorted(chosen, key=lambda i: EASIEST.index(i.kind)):
@@ -147,7 +153,7 @@ def _delete(sequence: SequenceGroup, item: Deletable) -> None:
     pieces = item.pieces()
     while True:
         try:
-            with wait_for(sequence.receipts / f"_arrays{SUFFIX}", "gc", 60.0, PATIENCE):
+            with wait_for(sequence.receipts / f"_arrays{SUFFIX}", own_name("gc"), 60.0, PATIENCE):
                 run_registry.refuse_busy(sequence, "gc --apply")
                 item.delete()
             return
@@ -317,22 +323,30 @@ def _path_folders(sequence: SequenceGroup) -> list[Path]:
     return [p for top in ("rendering", "metrics") for p in folders_in(sequence.place(top))]
 
 
-def _variants(archive: Archive) -> Iterator[Deletable]:
-    folder = archive.place(VARIANTS)
-    if folder.is_dir():
-        size = sum(s.st_size for p in files_below(folder) if (s := os.lstat(p)).st_nlink == 1)
+def _variants(archive: Archive, names: Collection[str] | None) -> Iterator[Deletable]:
+    """All variants, or what they have of some sequences."""
+    beside = [(v, f) for v in variants(archive) for f in folders_in(v.root) if sequence_name_fault(f.name) is None]
+    inside = [(v, SequenceGroup(f)) for v, f in beside if names is None or f.name in names]
+    going = [archive.place(VARIANTS)] if names is None else [s.root for _, s in inside]
+
+    def remove() -> None:
+        for folder in going:
+            delete_folder(folder)
+
+    if any(folder.is_dir() for folder in going):
         yield Deletable(
             "variants",
             "",
-            f"{len(list(folder.iterdir()))} variants of tradeoff and evaluate",
-            size,
+            f"{number(len({v.root for v, _ in inside}), 'variant')} of tradeoff and evaluate",
+            sum(s.st_size for f in going for p in files_below(f) if (s := os.lstat(p)).st_nlink == 1),
             "the levels of the next tradeoff, the methods of the next evaluate",
-            lambda: delete_folder(folder),
+            remove,
+            holds=tuple(s for _, s in inside),
         )
 
 
-def _kept(archive: Archive) -> Iterator[Deletable]:
-    lying = kept.entries(archive)
+def _kept(archive: Archive, names: Collection[str] | None) -> Iterator[Deletable]:
+    lying = [e for e in kept.entries(archive) if names is None or e.folder.parent.name in names]
     if lying:
         yield Deletable(
             "variants",
@@ -340,7 +354,7 @@ def _kept(archive: Archive) -> Iterator[Deletable]:
             f"{number(len(lying), 'result')} of other settings (run.keep_variants)",
             sum(e.own for e in lying),
             "runs that go back to these settings",
-            lambda: kept.clear(archive),
+            lambda: kept.clear(archive, names),
         )
 
 
@@ -362,14 +376,15 @@ def _runs(archive: Archive) -> Iterator[Deletable]:
         )
 
 
-def collect(session: Session, names: Sequence[str], kinds: Sequence[str], delete: bool) -> tuple[int, bool]:
-    """Show what could go, delete it where told; returns the exit status and whether anything could go. Raises
-    ConfigError for an unknown kind."""
+def collect(session: Session, globs: Sequence[str], kinds: Sequence[str], delete: bool) -> tuple[int, bool]:
+    """Show what could go of the archive, or of sequences that any glob matches, delete it where told; returns the exit
+    status and whether anything could go. Raises ConfigError for an unknown kind."""
     for kind in kinds:
         if kind not in KINDS:
             raise ConfigError(f"gc: no kind {kind!r}; the kinds are {', '.join(KINDS)}")
+    names = session.names(globs)
     plans, failed = session.usable(names, (), Selection())
-    found = [i for i in items(plans, session.archive) if not kinds or i.kind in kinds]
+    found = [i for i in items(plans, session.archive, names if globs else None) if not kinds or i.kind in kinds]
     if found:
         session.console.print(table(found))
     session.say([*notes(plans), *failed], "yellow")

@@ -30,7 +30,7 @@ from posegaussian.dags.runtime.ordering import prepare
 from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.archive.chunk_keys import named_as_in
 from posegaussian.storage.archive.deletion import folder_bytes
-from posegaussian.storage.archive.lease import SUFFIX, Lease
+from posegaussian.storage.archive.lease import SUFFIX, Lease, own_name
 from posegaussian.storage.archive.receipts import Output, Receipt, write_receipt
 from posegaussian.storage.archive.records import write_record
 from posegaussian.storage.archive.shards import write_array, write_table
@@ -50,7 +50,8 @@ def reshard(plan: Plan, frames: int, give_up: bool = False) -> list[str]:
     so.
 
     Raises:
-        ArchiveError: a run is at work on it, something would be given up, bytes were dropped, or the disk is too full.
+        ArchiveError: a run or another reshard is at work on it or was since it was planned, something would be given
+            up, bytes were dropped, or the disk is too full.
         NotWritten: the disk filled up meanwhile; the sequence is as it was.
     """
     sequence = plan.context.sequence
@@ -64,13 +65,16 @@ def reshard(plan: Plan, frames: int, give_up: bool = False) -> list[str]:
         )
     _refuse_dropped(plan)
     _refuse_full_disk(sequence)
-    with Lease.take(sequence.receipts / f"_arrays{SUFFIX}", "reshard"):
+    with Lease.take(sequence.receipts / f"_arrays{SUFFIX}", own_name("reshard")) as lease:
         run_registry.refuse_busy(sequence, "reshard")
+        _refuse_outdated(plan)
         try:
-            made = _build(plan, frames)
+            made = _build(plan, frames, lease)
         except NotWritten:
+            lease.check()
             shutil.rmtree(_side(sequence, "new"), ignore_errors=True)
             raise
+        lease.check()
         switch(sequence)
     return [
         (
@@ -118,6 +122,19 @@ def _refuse_dropped(plan: Plan) -> None:
         )
 
 
+def _refuse_outdated(plan: Plan) -> None:
+    """Raise ArchiveError where the sequence is not as it was planned: what another command made since would be lost."""
+    context, now = plan.context, SequenceGroup(plan.context.sequence.root)
+    made = Book.open(dataclasses.replace(context, sequence=now)).receipts
+    if now.partition_frames != context.sequence.partition_frames or _made(made) != _made(plan.book.receipts):
+        raise ArchiveError(f"reshard: another command changed sequence {now.name} meanwhile; give this one again")
+
+
+def _made(receipts: Mapping[Task, Receipt]) -> dict[Task, tuple[str, tuple[Output, ...]]]:
+    """What tasks made, and from what."""
+    return {t: (r.fingerprint, r.outputs) for t, r in receipts.items()}
+
+
 def _refuse_full_disk(sequence: SequenceGroup) -> None:
     need, free = folder_bytes(sequence.root) + COPIED_BYTES, shutil.disk_usage(sequence.root).free
     if need > free:
@@ -127,8 +144,11 @@ def _refuse_full_disk(sequence: SequenceGroup) -> None:
         )
 
 
-def _build(plan: Plan, frames: int) -> int:
-    """The new sequence, whole, below RESHARD; returns the number of its receipts."""
+def _build(plan: Plan, frames: int, lease: Lease) -> int:
+    """The new sequence, whole, below RESHARD; returns the number of its receipts.
+
+    Raises LeaseLost before it writes where another one builds by now.
+    """
     old = plan.context.sequence
     root = _side(old, "new")
     shutil.rmtree(root, ignore_errors=True)
@@ -150,6 +170,7 @@ def _build(plan: Plan, frames: int) -> int:
             or any(plan.verdicts[t].state is not State.FRESH for t in _sources(plan.context, context, task))
         ):
             continue
+        lease.check()
         receipt = (
             _linked(results, context, task, plan.book.receipts[task], digests)
             if task.partition is None

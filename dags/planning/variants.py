@@ -35,6 +35,7 @@ from posegaussian.storage.archive.records import record_text
 from posegaussian.storage.archive.store import Archive, SequenceGroup
 from posegaussian.storage.files.names import folders_in
 from posegaussian.storage.files.write import link_or_copy, link_tree, write_atomically
+from posegaussian.storage.model.errors import BrokenRecord
 from posegaussian.storage.model.spec import digest
 
 FOLDER = "_variants"
@@ -125,7 +126,7 @@ def share(context: Context, sources: Iterable[SequenceGroup]) -> int:
     here = context.sequence
     found: Made = defaultdict(list)
     for source in sources:
-        if source.root == here.root or source.partition_frames != here.partition_frames:
+        if source.root == here.root or not _of_length(source, here.partition_frames):
             continue
         for r in scan_receipts(source):
             found[Task(here.name, r.stage, r.partition, r.view, r.path)].append((source, r))
@@ -135,6 +136,14 @@ def share(context: Context, sources: Iterable[SequenceGroup]) -> int:
     ):  # what a survey says may decide what the next ones are compared with
         total += taken
     return total
+
+
+def _of_length(source: SequenceGroup, frames: int) -> bool:
+    """Whether the partitions of a sequence have so many frames; not where another process deleted it meanwhile."""
+    try:
+        return source.partition_frames == frames
+    except BrokenRecord:
+        return False
 
 
 def _take_equal(plan: Plan, found: Made) -> int:
@@ -148,7 +157,12 @@ def _take_equal(plan: Plan, found: Made) -> int:
         match = next((m for m in found.get(task, ()) if _will_do(plan.context, task, parts, m[1])), None)
         if state is State.FRESH or match is None or missing_files(*match):
             continue
-        plan.book.add(task, _take(plan.context.sequence, *match))
+        try:
+            plan.book.add(task, _take(plan.context.sequence, *match))
+        except OSError:
+            if not missing_files(*match):
+                raise
+            continue  # another process deleted the variant meanwhile
         taken += 1
     return taken
 

@@ -12,7 +12,6 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Protocol
-from uuid import uuid4
 
 from posegaussian.dags.planning.resources import Pool
 from posegaussian.dags.planning.tasks import Task
@@ -20,6 +19,7 @@ from posegaussian.dags.runtime.events import Event, Notice, TaskRetried, TaskSta
 from posegaussian.dags.runtime.failures import Failure, Kind, with_advice
 from posegaussian.dags.runtime.leases import HeldTasks, Priority
 from posegaussian.dags.runtime.work_order import RunTerms, WorkOrder
+from posegaussian.storage.archive.lease import own_name
 from posegaussian.storage.archive.receipts import Receipt
 
 MOST_SPARED = 3
@@ -62,7 +62,7 @@ class Backend(Protocol):
 
 
 def _terms() -> RunTerms:
-    return RunTerms(run=f"unnamed-{uuid4().hex[:12]}")
+    return RunTerms(run=own_name("unnamed"))
 
 
 @dataclass(frozen=True)

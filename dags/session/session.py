@@ -38,6 +38,7 @@ from posegaussian.dags.runtime.ordering import lacks_description
 from posegaussian.dags.runtime.scheduler import Run
 from posegaussian.dags.runtime.signals import STATUS, interruptible
 from posegaussian.dags.runtime.work_order import RunTerms
+from posegaussian.storage.archive.lease import own_name
 from posegaussian.storage.archive.ledger import RUNS
 from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.files.write import require_writable, write_atomically
@@ -326,7 +327,7 @@ class Session:
         if all(p.all_fresh for p in plans):
             for p in plans:
                 if lacks_description(p):
-                    entering.make_arrays(p, self._rules(p.context.sequence.name).terms)
+                    entering.enter(p, self._rules(own_name("run")).terms).drop()
             self.say([f"{p.context.sequence.name}: all fresh, nothing to do" for p in plans])
             keeper = Keeper(plans)
             keeper.sweep()

@@ -12,8 +12,9 @@ import shutil
 import time
 from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
+from uuid import uuid4
 
-from posegaussian.storage.archive.lease import Lease
+from posegaussian.storage.archive.lease import Lease, own_name
 from posegaussian.storage.archive.receipts import (
     Receipt,
     ReceiptKey,
@@ -48,7 +49,7 @@ def drop_outputs(sequence: SequenceGroup, receipt: Receipt, chosen: Collection[t
     """
     key = ReceiptKey(receipt.stage, receipt.partition, receipt.view, receipt.path)
     try:
-        with Lease.take(lease_file(sequence, key), f"sweep of process {os.getpid()}"):
+        with Lease.take(lease_file(sequence, key), own_name("sweep")):
             return _drop(sequence, key, receipt, chosen)
     except LeaseHeld:
         return receipt
@@ -121,7 +122,7 @@ def delete_folder(folder: Path) -> None:
     if not os.path.lexists(folder):
         return
     refuse_link(str(folder), folder.lstat().st_mode)
-    grave = folder.with_name(f".{folder.name}.{os.getpid()}.partial")
+    grave = folder.with_name(f".{folder.name}.{uuid4().hex}.partial")
     folder.rename(grave)
     sync_folder(folder.parent)
     shutil.rmtree(grave)

@@ -26,7 +26,7 @@ from posegaussian.storage.archive.array_metadata import (
     values_digest,
 )
 from posegaussian.storage.archive.chunk_keys import unpromised
-from posegaussian.storage.archive.lease import Lease, living
+from posegaussian.storage.archive.lease import Lease, living, own_name
 from posegaussian.storage.archive.receipts import (
     Output,
     Receipt,
@@ -88,7 +88,8 @@ def faults(sequence: SequenceGroup, count: Count) -> Iterator[Fault]:
     count.unsealed += checksums.KEY not in sequence.record
     _ = sequence.capture
     busy = {file for file, _ in living(sequence.receipts)}
-    count.busy += [file.relative_to(sequence.receipts).as_posix() for file in sorted(busy)]
+    leases = [file.relative_to(sequence.receipts).as_posix() for file in sorted(busy)]
+    count.busy += [lease for lease in leases if not lease.startswith("_")]  # the others are of runs, and of arrays
     for file in (Path(f) for f in files_below(sequence.receipts) if f.endswith(".json")):
         if file.with_suffix(".lease") in busy:
             continue
@@ -247,7 +248,7 @@ def repair(sequence: SequenceGroup, fault: Fault) -> None:
             _remove(sequence, fault.file)
         return
     key = key_of(fault.receipt)
-    with Lease.take(lease_file(sequence, key), f"verify of process {os.getpid()}"):
+    with Lease.take(lease_file(sequence, key), own_name("verify")):
         if read_receipt(sequence, key) == fault.receipt:
             remove_receipt(sequence, *key)
 

@@ -50,6 +50,12 @@ SAME_START = 2.0
 """Seconds within which two readings of a process's start are the same process."""
 
 
+def own_name(command: str) -> str:
+    """A name of a run that nobody else has, for a command that takes leases: under an equal one it would take over what
+    another process holds."""
+    return f"{command}-{uuid.uuid4().hex[:12]}"
+
+
 @dataclass(frozen=True)
 class Holder:
     """What a lease says."""
@@ -244,7 +250,8 @@ class Lease:
 
         Args:
             file: where it lies.
-            run: name of the run; a run hands out a task once at a time, so its own lease is one of a worker it lost.
+            run: name of the run, or `own_name`; a run hands out a task once at a time, so its own lease is one of a
+                worker it lost.
             worker: name of the worker.
             seconds: how long it holds without renewal.
             clock: seconds since the epoch.

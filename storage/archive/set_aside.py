@@ -14,10 +14,11 @@ import shutil
 import stat
 import time
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
+from uuid import uuid4
 
 from posegaussian.storage.archive.array_metadata import read_metadata
 from posegaussian.storage.archive.chunk_keys import named_as_in
@@ -75,8 +76,8 @@ def put(sequence: SequenceGroup, receipts: Iterable[Receipt]) -> bool:
     for receipt in receipts:
         place = _place(sequence, key_of(receipt), receipt.fingerprint)
         if not (place / ENTRY).is_file():
-            partial = place.with_name(f".{place.name}.{os.getpid()}{PARTIAL}")
-            shutil.rmtree(partial, ignore_errors=True)
+            _delete(place)  # a kill may have left a part of an entry that was being deleted
+            partial = place.with_name(f".{place.name}.{uuid4().hex}{PARTIAL}")
             partial.mkdir(parents=True)
             files = [f for output in receipt.outputs for f in output.files]
             layouts = {output.array: _layout(sequence, output.array) for output in receipt.outputs}
@@ -219,9 +220,10 @@ def shrink(archive: Archive, budget: int, take: Mapping[Path, int] = MappingProx
     _sweep(archive)
 
 
-def clear(archive: Archive) -> None:
-    """Delete all that is put aside."""
-    delete_folder(archive.place(FOLDER))
+def clear(archive: Archive, names: Collection[str] | None = None) -> None:
+    """Delete all that is put aside, or what is of some sequences."""
+    for key in [FOLDER] if names is None else [f"{FOLDER}/{name}" for name in names]:
+        delete_folder(archive.place(key))
 
 
 def clear_sequence(archive: Archive, name: str) -> None:

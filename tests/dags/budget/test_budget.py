@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -160,6 +161,22 @@ def test_as_many_workers_are_measured_as_will_have_something_to_do(
     monkeypatch.setattr(Session, "backend", lambda *_: Workers())
     probe = Probe(session.undecided(NAME, ()), session, partitions)
     assert (probe.workers, probe.frames) == (workers, frames), "of the six that there are"
+
+
+def test_a_probe_deletes_what_it_made_and_nothing_of_another_one(filmed: Pipeline, tmp_path: Path) -> None:
+    """Of the same sequence and settings, and of another sequence with the same frames."""
+    copy = filmed.copy(tmp_path / "archive")
+    shutil.copytree(copy.root / NAME, copy.root / "other")
+    session = session_of(copy)
+    probes = [Probe(session.undecided(name, ()), session, 1) for name in (NAME, NAME, "other")]
+    for probe in probes:
+        probe.start()
+    folders = [probe._variant({}).sequence.root for probe in probes]
+    assert [probe._variant({}).sequence.root for probe in probes] == folders, "a probe finds its own again"
+    for n, probe in enumerate(probes, 1):
+        probe.clean()
+        assert [f.is_dir() for f in folders] == [i >= n for i in range(3)]
+    assert not list((copy.root / "_variants").iterdir())
 
 
 def test_what_is_expected_grows_with_the_work_and_ends_when_all_is_done(filmed: Pipeline, tmp_path: Path) -> None:

@@ -11,9 +11,20 @@ from posegaussian.dags.maintenance.accept import accept, accept_every
 from posegaussian.dags.planning import fingerprint
 from posegaussian.dags.planning.explain import why
 from posegaussian.dags.planning.plan import State
+from posegaussian.dags.runtime.entering import enter
+from posegaussian.dags.runtime.work_order import RunTerms
 from posegaussian.stages.registry import STAGES
-from posegaussian.storage.archive.receipts import Receipt, ReceiptKey, read_receipt, scan_receipts, write_receipt
-from posegaussian.storage.model.errors import UserError
+from posegaussian.storage.archive.lease import Lease
+from posegaussian.storage.archive.receipts import (
+    Receipt,
+    ReceiptKey,
+    lease_file,
+    read_receipt,
+    scan_receipts,
+    write_receipt,
+)
+from posegaussian.storage.archive.store import SequenceGroup
+from posegaussian.storage.model.errors import LeaseHeld, UserError
 from posegaussian.storage.model.spec import digest
 from tests.support.pipeline import NAME, Pipeline, assert_same_content, content
 
@@ -182,3 +193,27 @@ def test_of_sources_only_the_code_of_an_asset_may_be_another(archive: Pipeline, 
     else:
         with pytest.raises(UserError, match="sources changed, not only version, code, params"):
             accept(archive.plan(), "depth", "the modules moved")
+
+
+def test_what_a_run_works_on_is_left_alone(edited: Pipeline) -> None:
+    with enter(edited.plan(), RunTerms("someone")), pytest.raises(LeaseHeld, match="is worked on by run someone"):
+        accept(edited.plan(), "depth", "a renamed variable")
+    plan, before = edited.plan(), depth(edited)
+    key = ReceiptKey("depth", 0, None, None)
+    with Lease.take(lease_file(plan.context.sequence, key), "someone"), pytest.raises(LeaseHeld):
+        accept(plan, "depth", "a renamed variable")
+    assert depth(edited) == before
+    assert "accepted 3 of 3" in accept(plan, "depth", "a renamed variable")[0]
+
+
+def test_of_two_at_once_the_second_is_refused(edited: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
+    plan, other = edited.plan(), edited.plan()
+
+    def meanwhile(sequence: SequenceGroup, receipt: Receipt) -> None:
+        with pytest.raises(UserError, match=r"is held by run accept-|was made anew by a run in the meantime"):
+            accept(other, "depth", "a second reason")
+        write_receipt(sequence, receipt)
+
+    monkeypatch.setattr("posegaussian.dags.maintenance.accept.write_receipt", meanwhile)
+    accept(plan, "depth", "a renamed variable")
+    assert [n["reason"] for n in depth(edited).facts["accepted"]] == ["a renamed variable"]

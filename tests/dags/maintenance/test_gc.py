@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import time
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,11 +15,16 @@ import pytest
 from posegaussian.dags.maintenance import garbage_collection
 from posegaussian.dags.planning.plan import Plan
 from posegaussian.dags.planning.tasks import Task
+from posegaussian.dags.planning.variants import variant
+from posegaussian.dags.runtime import run_registry
 from posegaussian.dags.runtime.entering import enter
 from posegaussian.dags.runtime.work_order import RunTerms
+from posegaussian.storage.archive import set_aside
 from posegaussian.storage.archive.deletion import SETTLED_SECONDS, folder_bytes
-from posegaussian.storage.archive.store import Archive
-from posegaussian.storage.model.errors import ArchiveError
+from posegaussian.storage.archive.lease import Lease
+from posegaussian.storage.archive.receipts import scan_receipts
+from posegaussian.storage.archive.store import Archive, SequenceGroup
+from posegaussian.storage.model.errors import ArchiveError, LeaseHeld
 from tests.support.pipeline import NAME, Pipeline, assert_same_content, content
 
 
@@ -229,3 +236,65 @@ def test_not_while_a_run_is_at_work(archive: Pipeline) -> None:
     with enter(plan, RunTerms("someone")), pytest.raises(ArchiveError, match="is worked on by run someone"):
         garbage_collection.apply(found(plan), [plan])
     assert archive.plan().all_fresh
+
+
+@pytest.fixture
+def neighbours(archive: Pipeline) -> Pipeline:
+    """The sequence and another one, each with a variant in one folder, and with a result that lies aside; old runs."""
+    shutil.copytree(archive.root / NAME, archive.root / "other")
+    settings = archive.context().settings
+    for sequence in (SequenceGroup(archive.root / name) for name in (NAME, "other")):
+        variant(sequence, settings, {"of": "both"}, ())
+        assert set_aside.put(sequence, list(scan_receipts(sequence))[:1])
+    for n in range(garbage_collection.KEPT_RUNS + 3):
+        (archive.root / "_runs" / f"20260101T0000{n:02d}").mkdir(parents=True)
+    return archive
+
+
+def beside(pipeline: Pipeline) -> list[str]:
+    """Names of sequences that have variants, and of those that have results aside."""
+    return [p.name for top in ("_variants/*", "_kept") for p in sorted(pipeline.root.glob(f"{top}/*"))]
+
+
+def run_gc(pipeline: Pipeline, *words: str) -> None:
+    from typer.testing import CliRunner
+
+    from posegaussian.dags.cli.app import app
+
+    done = CliRunner().invoke(app, ["gc", *pipeline.options, "--kind", "variants", "--kind", "runs", "--apply", *words])
+    if done.exception is not None and not isinstance(done.exception, SystemExit):
+        raise done.exception
+
+
+def test_of_named_sequences_nothing_of_the_others_goes(neighbours: Pipeline) -> None:
+    inside = SequenceGroup(next(neighbours.root.glob(f"_variants/*/{NAME}")))
+    before = content(neighbours)
+    with Lease.take(run_registry.folder(inside) / "someone.lease", "someone"):
+        run_gc(neighbours, "--sequence", "other")
+    assert beside(neighbours) == [NAME, NAME]
+    assert len(list((neighbours.root / "_runs").iterdir())) == garbage_collection.KEPT_RUNS + 3, "of whom, is not said"
+    run_gc(neighbours)
+    assert beside(neighbours) == []
+    assert len(list((neighbours.root / "_runs").iterdir())) == garbage_collection.KEPT_RUNS
+    assert_same_content(content(neighbours), before)
+
+
+def test_not_while_a_run_is_at_work_on_a_variant(neighbours: Pipeline) -> None:
+    inside = SequenceGroup(next(neighbours.root.glob("_variants/*/other")))
+    with Lease.take(run_registry.folder(inside) / "someone.lease", "someone"):
+        for words in ((), ("--sequence", "other")):
+            with pytest.raises(LeaseHeld, match="sequence other is worked on by run someone"):
+                run_gc(neighbours, *words)
+    assert beside(neighbours) == ["other", NAME, "other", NAME]
+
+
+def test_of_two_at_once_the_second_waits_for_the_first(archive: Pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(garbage_collection, "PATIENCE", 0.0)
+    plan = archive.plan()
+
+    def second() -> None:
+        with pytest.raises(LeaseHeld, match="is held by run gc-"):
+            garbage_collection.apply([replace(item, delete=lambda: pytest.fail("both at once"))], [plan])
+
+    item = replace(of(found(plan), "arrays")[0], delete=second)
+    garbage_collection.apply([item], [plan])

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import os
+import shutil
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,10 +16,11 @@ from posegaussian.dags.maintenance import reshard
 from posegaussian.dags.planning.plan import Plan
 from posegaussian.dags.runtime.entering import enter
 from posegaussian.dags.runtime.work_order import RunTerms
+from posegaussian.storage.archive.lease import Lease
 from posegaussian.storage.archive.ledger import row
 from posegaussian.storage.archive.receipts import scan_receipts, write_receipt
 from posegaussian.storage.archive.store import Archive
-from posegaussian.storage.model.errors import ArchiveError
+from posegaussian.storage.model.errors import ArchiveError, LeaseHeld, LeaseLost
 from tests.support.pipeline import NAME, Pipeline, assert_same_content, content, film, receipts
 
 
@@ -194,3 +199,81 @@ def test_not_while_a_run_is_at_work_and_a_run_planned_before_is_told(archive: Pi
     cut(archive, 6)
     with pytest.raises(ArchiveError, match="was cut into partitions of 6 frames since this run was planned with 2"):
         enter(plan, RunTerms("someone"))
+
+
+def test_of_two_at_once_the_second_is_refused_and_the_first_ends_well(
+    archive: Pipeline, finished: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan, other, real = archive.plan(), archive.plan(), reshard.write_receipt
+
+    def meanwhile(*args: Any) -> None:
+        with pytest.raises(LeaseHeld, match="is held by run reshard-"):
+            reshard.reshard(other, 6)
+        real(*args)
+
+    monkeypatch.setattr(reshard, "write_receipt", meanwhile)
+    reshard.reshard(plan, 4)
+    monkeypatch.undo()
+    assert length(archive) == 4
+    assert archive.plan().all_fresh
+    assert_same_content(content(archive), content(finished))
+
+
+@pytest.mark.parametrize("after", ["write_receipt", "_build"])
+def test_one_that_lost_its_lease_replaces_nothing(
+    after: str, archive: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It was suspended, and another one builds in the same place by now."""
+    file, real = archive.root / NAME / "_receipts/_arrays.lease", getattr(reshard, after)
+    taken: list[Lease] = []
+
+    def suspended(*args: Any) -> Any:
+        made = real(*args)
+        file.unlink()
+        taken.append(Lease.take(file, "another"))
+        return made
+
+    monkeypatch.setattr(reshard, after, suspended)
+    with pytest.raises(LeaseLost, match="was taken over by run another"):
+        cut(archive, 6)
+    (other,) = taken
+    other.drop()
+    assert length(archive) == 2
+    assert archive.plan().all_fresh
+
+
+def test_what_another_command_made_since_it_was_planned_is_kept(archive: Pipeline) -> None:
+    plan = archive.plan()
+    other = archive.with_settings("gaussians.footprint=0.6")
+    other.run()
+    with pytest.raises(ArchiveError, match="another command changed sequence person meanwhile"):
+        reshard.reshard(plan, 6)
+    assert other.plan().all_fresh
+    plan = other.plan()
+    cut(other, 4)
+    with pytest.raises(ArchiveError, match="another command changed sequence person meanwhile"):
+        reshard.reshard(plan, 6)
+    assert other.plan().all_fresh
+
+
+def test_a_pattern_that_several_sequences_match_is_refused(archive: Pipeline) -> None:
+    from posegaussian.dags.cli.maintenance import reshard as command
+
+    shutil.copytree(archive.root / NAME, archive.root / "persona")
+    with pytest.raises(ArchiveError, match=r"'person\*' matches 2 sequences, person, persona; name one"):
+        command("person*", 3, archive=str(archive.root))
+    assert length(archive) == 2
+
+
+def test_one_that_was_killed_is_begun_anew(archive: Pipeline, finished: Pipeline) -> None:
+    lease, half = archive.root / NAME / "_receipts/_arrays.lease", archive.root / "_reshard/new" / NAME / "depth"
+    code = (
+        "import os; from pathlib import Path; from posegaussian.storage.archive.lease import Lease, own_name;"
+        f" Lease.take(Path({str(lease)!r}), own_name('reshard')); os._exit(9)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 9
+    half.mkdir(parents=True)
+    assert lease.exists()
+    cut(archive, 4)
+    assert archive.plan().all_fresh
+    assert_same_content(content(archive), content(finished))

@@ -5,16 +5,19 @@ from __future__ import annotations
 import io
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 from rich.console import Console
 
 from posegaussian.dags.maintenance.verify import verify
 from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.runtime.run_registry import folder
 from posegaussian.dags.session.session import Session
+from posegaussian.storage.archive import integrity
 from posegaussian.storage.archive.lease import Lease
 from posegaussian.storage.archive.receipts import ReceiptKey, lease_file
-from posegaussian.storage.model.errors import ArchiveError, ShardCorrupt
+from posegaussian.storage.model.errors import ArchiveError, LeaseHeld, ShardCorrupt
 from tests.support.pipeline import NAME, Pipeline, assert_same_content, content
 
 SHARD = "depth/depth/c.1.2.0.0"
@@ -195,3 +198,31 @@ def test_what_a_run_works_on_is_left_out(archive: Pipeline) -> None:
         assert status == 0, said
         assert "1 task left out, because a run works there now" in said
     assert (archive.root / NAME / "_receipts/depth/p000001.json").exists()
+
+
+def test_a_run_that_works_on_no_task_leaves_nothing_out(archive: Pipeline) -> None:
+    """It says that it is there, and makes arrays."""
+    sequence = archive.context().sequence
+    with (
+        Lease.take(folder(sequence) / "a-run.lease", "a-run"),
+        Lease.take(sequence.receipts / "_arrays.lease", "a-run"),
+    ):
+        status, said = say(archive)
+    assert (status, "left out" in said) == (0, False), said
+
+
+def test_of_two_repairs_at_once_the_second_leaves_the_task_to_the_first(
+    archive: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sequence, real = archive.context().sequence, integrity.remove_receipt
+    (archive.root / NAME / SHARD).unlink()
+    (fault,) = integrity.faults(sequence, integrity.Count())
+
+    def meanwhile(*args: Any) -> None:
+        with pytest.raises(LeaseHeld, match="is held by run verify-"):
+            integrity.repair(sequence, fault)
+        real(*args)
+
+    monkeypatch.setattr(integrity, "remove_receipt", meanwhile)
+    integrity.repair(sequence, fault)
+    assert not (archive.root / NAME / "_receipts/depth/p000001.json").exists()

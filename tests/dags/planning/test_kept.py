@@ -295,3 +295,12 @@ def test_what_the_budget_does_not_hold_is_said_before_the_start(a: Pipeline) -> 
     assert enough.session.run_and_report([enough.plan()], Selection()) == 0
     assert states(a.plan()) <= {State.FRESH, State.KEPT}
     assert State.KEPT not in states(a.with_settings("run.keep_variants=0").plan())
+
+
+def test_an_entry_that_a_kill_left_half_deleted_is_put_aside_again(a: Pipeline) -> None:
+    sequence = Archive.open(str(a.root)).sequence(NAME)
+    receipts = list(scan_receipts(sequence))[:3]
+    assert set_aside.put(sequence, receipts)
+    (set_aside.place_of(sequence, receipts[0]) / set_aside.ENTRY).unlink()
+    assert set_aside.put(sequence, receipts)
+    assert len(aside(a)) == 3

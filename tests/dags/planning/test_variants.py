@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
 
+from posegaussian.dags.planning import variants
 from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.plan import make_plan
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.variants import settled_variant
 from posegaussian.dags.runtime.executors.inline_run import run_here
-from posegaussian.storage.archive.receipts import scan_receipts
+from posegaussian.storage.archive.receipts import Receipt, scan_receipts
+from posegaussian.storage.archive.store import SequenceGroup
 from tests.support.pipeline import NAME, Pipeline, assert_same_content, content, film
 
 DEPTH = Selection(only=frozenset({"frames", "depth"}))
@@ -96,3 +99,24 @@ def test_a_variant_has_no_survey_of_other_pictures_while_the_sequence_keeps_its_
     film_again(surveyed)
     assert not constants(beside(surveyed, None, "before")), "as if it were made now"
     assert constants(surveyed.context()) == old, "the user's own stays until told otherwise"
+
+
+@pytest.mark.parametrize("where", ["others", "missing_files"])
+def test_of_a_variant_that_another_process_deletes_meanwhile_nothing_is_taken(
+    where: str, made: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before its record is read, and between looking at its files and linking them."""
+    pipeline = made.copy(tmp_path / "archive")
+    shutil.rmtree(pipeline.root / "_variants", ignore_errors=True)
+    going = beside(pipeline, 1, "going")
+    run_here(make_plan(going, DEPTH), DEPTH)
+    real = getattr(variants, where)
+
+    def deleted(sequence: SequenceGroup, *args: Receipt) -> object:
+        found = real(sequence, *args)
+        shutil.rmtree(going.sequence.root.parent, ignore_errors=True)
+        return found
+
+    monkeypatch.setattr(variants, where, deleted)
+    other = beside(pipeline, 1, "other")
+    assert not list(scan_receipts(other.sequence))

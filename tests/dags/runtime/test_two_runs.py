@@ -17,9 +17,9 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from posegaussian.dags.planning.plan import State
+from posegaussian.dags.planning.plan import Plan, State
 from posegaussian.dags.planning.selection import Selection
-from posegaussian.dags.runtime import run_registry
+from posegaussian.dags.runtime import entering, run_registry
 from posegaussian.dags.runtime.events import Event, Notice, TaskDone, TaskFailed, TaskFresh
 from posegaussian.dags.runtime.executors.serial import SerialBackend
 from posegaussian.dags.runtime.ordering import counted_on
@@ -27,7 +27,7 @@ from posegaussian.dags.runtime.run_registry import folder
 from posegaussian.dags.runtime.scheduler import Run
 from posegaussian.dags.runtime.work_order import RunTerms
 from posegaussian.dags.session.session import Session
-from posegaussian.storage.archive.lease import Lease
+from posegaussian.storage.archive.lease import Lease, read_lease
 from posegaussian.storage.archive.receipts import ReceiptKey, lease_file
 from posegaussian.storage.model.errors import ArchiveError
 from tests.support.pipeline import NAME, Pipeline, assert_same_content, content, ended
@@ -327,6 +327,27 @@ def test_two_runs_of_settings_for_which_arrays_are_replaced_share_the_work(archi
     assert ended(mine).done > 0, "the second run worked too"
     assert smaller.plan().all_fresh
     assert not list(folder(archive.context().sequence).iterdir()), "who leaves says nothing any more"
+
+
+def test_of_all_that_is_fresh_arrays_are_described_anew_by_one_at_a_time(
+    archive: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two runs on one sequence have nothing to compute: under one name the second would take the first one's lease."""
+    plan, names, real = archive.plan(), [], entering.prepare
+
+    def prepare(plan: Plan) -> None:
+        holder = read_lease(plan.context.sequence.receipts / "_arrays.lease", 60.0)
+        assert holder is not None
+        names.append(holder.run)
+        real(plan)
+
+    monkeypatch.setattr(entering, "prepare", prepare)
+    for _ in range(2):
+        (archive.root / NAME / "frames/size/zarr.json").unlink()
+        assert archive.session.run_and_report([plan], Selection()) == 0
+    assert len(set(names)) == 2
+    assert (archive.root / NAME / "frames/size/zarr.json").is_file()
+    assert not list(folder(plan.context.sequence).iterdir())
 
 
 def test_an_input_that_another_run_replaced_meanwhile_fails_the_task_that_read_it(

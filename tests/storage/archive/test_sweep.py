@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -96,6 +97,20 @@ def test_what_another_run_is_making_is_left_alone(sequence: SequenceGroup) -> No
     with Lease.take(lease_file(sequence, ReceiptKey("a", 0, None, None)), "someone else"):
         assert deletion.drop_outputs(sequence, receipt, {("a/one", 0)}) == receipt
     assert (sequence.root / "a/one/c/0/0/0").exists()
+
+
+def test_what_another_sweep_drops_is_left_to_it(sequence: SequenceGroup, monkeypatch: pytest.MonkeyPatch) -> None:
+    receipt, seen = on_disk(sequence, 0), []
+    assert receipt is not None
+
+    def meanwhile(*args: Any) -> None:
+        seen.append(deletion.drop_outputs(sequence, receipt, {("a/two", 0)}))
+        write_receipt(*args)
+
+    monkeypatch.setattr(deletion, "write_receipt", meanwhile)
+    deletion.drop_outputs(sequence, receipt, {("a/one", 0)})
+    assert seen == [receipt]
+    assert (sequence.root / "a/two/c.0.0.0").exists()
 
 
 def test_forgetting_takes_receipt_and_files_and_leaves_the_arrays(sequence: SequenceGroup) -> None:
