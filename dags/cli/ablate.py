@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from posegaussian.dags.cli.options import SetOption, say
+from posegaussian.dags.cli.options import TrainingSetOption, say
 from posegaussian.dags.export.output_paths import output_folder
 
 
@@ -113,7 +113,7 @@ def ablate(
             "--plan", help="Say which cells there are, in their order, and what is done; train and write nothing."
         ),
     ] = False,
-    assignments: SetOption = None,
+    assignments: TrainingSetOption = None,
 ) -> None:
     """Train variants of the network, and run the pipeline in variants, a cell at a time, and print what each choice is
     worth beside the paper's numbers.

@@ -63,6 +63,10 @@ SetOption = Annotated[
     list[str] | None,
     typer.Option("--set", help="Override one setting, for example --set depth.method=hull (may be repeated)."),
 ]
+TrainingSetOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="Override one setting of the training, for example --set seed=1 (may be repeated)."),
+]
 OnlyOption = Annotated[list[str] | None, typer.Option("--only", help="Touch these stages alone.")]
 FromOption = Annotated[str | None, typer.Option("--from", help="Rerun this stage and every later one, fresh or not.")]
 ForceOption = Annotated[list[str] | None, typer.Option("--force", help="Rerun these stages even where they are fresh.")]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from shlex import quote
 from typing import Annotated
 
 import typer
@@ -10,6 +11,7 @@ import typer
 from posegaussian.dags.cli.options import ArchiveOption, ConfigOption, SetOption, open_session, say
 from posegaussian.dags.export.output_paths import output_file
 from posegaussian.dags.humanize.text import next_command, number
+from posegaussian.storage.model.errors import ConfigError
 
 
 def report(
@@ -33,11 +35,15 @@ def report(
 
 
 def view(
-    archive: Annotated[
-        str | None, typer.Argument(help="Folder of the archive. Default: `archive` of the configuration.")
+    folder: Annotated[
+        str | None,
+        typer.Argument(metavar="[ARCHIVE]", help="Folder of the archive. Default: `archive` of the configuration."),
     ] = None,
     sequences: Annotated[
         list[str] | None, typer.Argument(help="Sequences to show (names or globs). Default: all.")
+    ] = None,
+    archive: Annotated[
+        str | None, typer.Option("--archive", help="The folder of the archive by an option, as other commands take it.")
     ] = None,
     host: Annotated[
         str, typer.Option("--host", help="Address to listen on; 0.0.0.0 lets the whole network look.")
@@ -56,7 +62,13 @@ def view(
     from posegaussian.dags.view.live import LiveSequences
     from posegaussian.dags.view.server import Server
 
-    session = open_session(config, assignments, archive)
+    if folder is not None and archive is not None:
+        instead = " ".join(quote(word) for word in (archive, *(sequences or [folder])))
+        raise ConfigError(
+            f"view {folder} --archive {archive}: the archive is named twice; name it before the sequences alone, for"
+            f" example `posegaussian view {instead}`"
+        )
+    session = open_session(config, assignments, archive or folder)
     names = tuple(session.names(sequences or []))
     with Server(LiveSequences(session, names), host, port) as server:
         if not server.local:

@@ -77,8 +77,8 @@ def export(
         str,
         typer.Option(
             "--splats-as",
-            help="How --splats names and writes files: ply (000012.ply), spz (000012.spz, a tenth of the bytes), or"
-            " sequence (frame0001.ply, which SuperSplat plays).",
+            help="How --splats names and writes files: ply (000012.ply), spz (000012.spz, a quarter to a sixth of the"
+            " bytes), or sequence (frame0001.ply, which SuperSplat plays).",
         ),
     ] = "ply",
     view: Annotated[
@@ -211,9 +211,9 @@ def tradeoff(
     config: ConfigOption = None,
     assignments: SetOption = None,
 ) -> None:
-    """Measure what quality costs: run the levels of some settings, seconds a frame against PSNR, SSIM and EPE.
+    r"""Measure what quality costs: run the levels of some settings, seconds a frame against PSNR, SSIM and EPE.
 
-    Example: posegaussian tradeoff --search --sequence balance --set 'views.held_out=[cam02]'
+    Example: posegaussian tradeoff --search --sequence balance --set 'views.held_out=\[cam02]'
     """
     from posegaussian.dags.tradeoff.searched import run_search
     from posegaussian.dags.tradeoff.tradeoff import run_tradeoff, table_file
@@ -257,10 +257,10 @@ def effects(
     config: ConfigOption = None,
     assignments: SetOption = None,
 ) -> None:
-    """Measure what the decisions about effects cost: each is turned the other way, and held-out cameras and the clock
+    r"""Measure what the decisions about effects cost: each is turned the other way, and held-out cameras and the clock
     say what that is worth.
 
-    Example: posegaussian effects --regret walk --set 'views.held_out=[cam05]' --set frames.range=0:8
+    Example: posegaussian effects --regret walk --set 'views.held_out=\[cam05]' --set frames.range=0:8
     """
     from posegaussian.dags.regret.regret import as_lines, measured, rows
     from posegaussian.dags.tradeoff.tradeoff import write_parquet
@@ -272,3 +272,4 @@ def effects(
     if table is not None:
         write_parquet(table, rows(found), {"sequence": name, "repeats": str(repeats)})
         session.say([f"table: {table}"])
+    session.hint([next_command("plan", "--sequence", name, "-v", *session.options)])

@@ -35,7 +35,9 @@ from posegaussian.dags.humanize.text import next_command
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.tasks import Task
 from posegaussian.dags.report import after_run
+from posegaussian.dags.runtime.signals import STATUS as INTERRUPTED
 from posegaussian.dags.session.next_steps import after_status
+from posegaussian.dags.session.session import Session
 from posegaussian.storage.model.errors import ConfigError
 
 
@@ -100,9 +102,7 @@ def plan(
     if all(p.all_fresh for p in plans):
         say(results_and_next(plans, session.options, selection))
     else:
-        chosen = {"--sequence": sequence, "--only": only, "--from": [start] if start else None, "--force": force}
-        words = [w for option, given in {**chosen, "--path": path}.items() for v in given or () for w in (option, v)]
-        say([next_command("run", *words, *session.options)])
+        say([_run_command(session, sequence, only, start, force, path)])
 
 
 def run(
@@ -166,7 +166,23 @@ def run(
         session.say(settled.against(seconds) if settled is not None else ())
         after_run.tell(session, seconds)
 
-    raise typer.Exit(session.run_and_report(plans, selection, failed, say_next=True, closing=closing))
+    ended = session.run_and_report(plans, selection, failed, say_next=True, closing=closing)
+    session.hint([_run_command(session, sequence, only, start, force, path)] if ended == INTERRUPTED else ())
+    raise typer.Exit(ended)
+
+
+def _run_command(
+    session: Session,
+    sequence: list[str] | None,
+    only: list[str] | None,
+    start: str | None,
+    force: list[str] | None,
+    path: list[str] | None,
+) -> str:
+    """The line with the command that runs what these options chose."""
+    chosen = {"--sequence": sequence, "--only": only, "--from": [start] if start else None, "--force": force}
+    words = [w for option, given in {**chosen, "--path": path}.items() for v in given or () for w in (option, v)]
+    return next_command("run", *words, *session.options)
 
 
 def status(
@@ -190,7 +206,9 @@ def status(
     if failed_only:
         from posegaussian.dags.diagnostics.run_log import report_failed
 
-        raise typer.Exit(report_failed(session, session.names(sequence or ()), console))
+        there_are_some = report_failed(session, session.names(sequence or ()), console)
+        say([] if there_are_some else [next_command("status", *session.options)])
+        raise typer.Exit(there_are_some)
     from posegaussian.dags.diagnostics.profile import Spending
     from posegaussian.dags.diagnostics.status import every_standing
     from posegaussian.dags.planning.context import Context

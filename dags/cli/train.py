@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from posegaussian.dags.cli.options import SetOption, say
+from posegaussian.dags.cli.options import TrainingSetOption, say
 from posegaussian.dags.export.output_paths import output_folder
 from posegaussian.dags.humanize.text import next_command
 
@@ -64,7 +64,7 @@ def train(
         ),
     ] = None,
     device: Annotated[str, typer.Option("--device", help="auto (CUDA where there is a device), cpu or cuda.")] = "auto",
-    assignments: SetOption = None,
+    assignments: TrainingSetOption = None,
 ) -> None:
     """Train the network on simulated people, or go on with a training that was stopped, killed or interrupted.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, TaskID, TextColumn, TimeElapsedColumn
@@ -14,7 +14,7 @@ from rich.text import Text
 
 from posegaussian.dags.diagnostics.remaining_time import Remaining
 from posegaussian.dags.diagnostics.run_log import stamped
-from posegaussian.dags.humanize.text import Voice, number, seconds_text
+from posegaussian.dags.humanize.text import Voice, next_command, number, seconds_text
 from posegaussian.dags.planning.tasks import Task
 from posegaussian.dags.runtime.events import (
     EffectsDecided,
@@ -40,9 +40,12 @@ QUIET_SECONDS = 10.0
 class TerminalProgress:
     """One bar of rich for the whole run, with one estimate of the time left; what the workers do stands beside it."""
 
-    def __init__(self, console: Console, remaining: Remaining, voice: Voice = Voice.NORMAL) -> None:
-        """Nothing is shown before the run starts. `remaining` hears every event before this listener does."""
-        self.console, self.remaining, self.voice = console, remaining, voice
+    def __init__(
+        self, console: Console, remaining: Remaining, voice: Voice = Voice.NORMAL, options: Sequence[str] = ()
+    ) -> None:
+        """Nothing is shown before the run starts. `remaining` hears every event before this listener does; `options`
+        lead another command to the same archive and settings."""
+        self.console, self.remaining, self.voice, self.options = console, remaining, voice, options
         columns = (BarColumn(), TextColumn("{task.percentage:>3.0f}%"), TimeElapsedColumn(), _Left(remaining))
         self.bars = Progress(*columns, TextColumn("{task.description}"), console=console)
         self.bar: TaskID | None = None
@@ -51,7 +54,7 @@ class TerminalProgress:
     def __call__(self, event: Event) -> None:
         """Take one event of the run."""
         self.tally(event)
-        for line in _told(event, self.voice):
+        for line in _told(event, self.voice, self.options):
             self.bars.console.print(
                 line, markup=False, soft_wrap=True, style="red" if isinstance(event, TaskFailed) else None
             )
@@ -87,9 +90,16 @@ class _Left(ProgressColumn):
 class PlainProgress:
     """A line now and then, for logs and pipes: what each stage did when it is through, and how far all is."""
 
-    def __init__(self, write: Callable[[str], None], remaining: Remaining, voice: Voice = Voice.NORMAL) -> None:
-        """`write` takes one line; `remaining` hears every event before this listener does."""
-        self.write, self.remaining, self.voice = write, remaining, voice
+    def __init__(
+        self,
+        write: Callable[[str], None],
+        remaining: Remaining,
+        voice: Voice = Voice.NORMAL,
+        options: Sequence[str] = (),
+    ) -> None:
+        """`write` takes one line; `remaining` hears every event before this listener does; `options` lead another
+        command to the same archive and settings."""
+        self.write, self.remaining, self.voice, self.options = write, remaining, voice, options
         self.tally = Tally()
         self.first: dict[str, float] = {}
         self.last = time.monotonic()
@@ -97,7 +107,7 @@ class PlainProgress:
     def __call__(self, event: Event) -> None:
         """Take one event of the run."""
         self.tally(event)
-        for line in _told(event, self.voice):
+        for line in _told(event, self.voice, self.options):
             self.write(line)
         if isinstance(event, TaskDone | TaskFresh | TaskFailed | TaskBlocked | TaskLeftOut):
             self._settled(event)
@@ -121,8 +131,8 @@ class PlainProgress:
             self.last = now
 
 
-def _told(event: Event, voice: Voice) -> Iterator[str]:
-    """The lines that an event is worth."""
+def _told(event: Event, voice: Voice, options: Sequence[str]) -> Iterator[str]:
+    """The lines that an event is worth; commands in them carry the options."""
     if isinstance(event, RunStarted):
         yield from event.sentences
     elif isinstance(event, TaskFailed):
@@ -135,7 +145,7 @@ def _told(event: Event, voice: Voice) -> Iterator[str]:
         on = ", ".join(event.on) or "none"
         yield (
             f"{event.sequence}: effects switched on by what the frames show: {on}; off:"
-            f" {', '.join(event.off) or 'none'} (why: posegaussian plan -v)"
+            f" {', '.join(event.off) or 'none'} ({next_command('plan', '-v', *options, lead='why')})"
         )
 
 

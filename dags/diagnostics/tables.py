@@ -11,9 +11,8 @@ from rich.table import Table
 
 from posegaussian.dags.diagnostics.status import Numbers
 from posegaussian.dags.humanize.text import gigabytes, number, seconds_text
-from posegaussian.dags.planning.explain import told
 from posegaussian.dags.planning.forecast import Projection
-from posegaussian.dags.planning.plan import Plan, State
+from posegaussian.dags.planning.plan import Plan, State, told
 from posegaussian.stages.registry import STAGES
 
 

@@ -74,15 +74,14 @@ def export_layout(
     context = results.context
     frames = chosen_frames(context, frame)
     check(context, folder, frame)
-    recording, lifted = _recording(results, frames, budget)
+    recording, merged = _recording(results, frames, budget)
     check_undistorted(recording)
     LAYOUTS[name].write(folder, recording)
     count = write_pictures(folder, recording.rig, _pictures(results, frames))
     written = (
         f"{name}: {number(count, 'picture')} with masks of {number(len(recording.rig), 'camera')} in {folder}, at"
         f" {_sizes(recording)} px (frames.size), without distortion; {number(len(recording.points), 'point')} of frame"
-        f" {int(context.source_frames[frames[0]])}"
-        + ("" if budget is None else f", merged from {number(lifted, 'Gaussian')} (--budget {budget:g})")
+        f" {int(context.source_frames[frames[0]])}" + ("" if budget is None else f", {merged}")
     )
     still = len(frames) > 1 and LAYOUTS[name].still
     return [
@@ -91,12 +90,12 @@ def export_layout(
     ]
 
 
-def _recording(results: Results, frames: list[int], budget: float | None) -> tuple[Recording, int]:
-    """What is written, and how many Gaussians its cloud was made of."""
+def _recording(results: Results, frames: list[int], budget: float | None) -> tuple[Recording, str]:
+    """What is written, and what the budget did to its cloud."""
     context = results.context
     views = context.active_views
     has = _filmed(context, frames)
-    points, colors, lifted = _cloud(results, frames[0], budget)
+    points, colors, merged = _cloud(results, frames[0], budget)
     recording = Recording(
         context.rig.subset(views),
         float(context.capture.frame_rate),
@@ -106,7 +105,7 @@ def _recording(results: Results, frames: list[int], budget: float | None) -> tup
         points,
         colors,
     )
-    return recording, lifted
+    return recording, merged
 
 
 def _filmed(context: Context, frames: list[int]) -> set[tuple[int, int]]:
@@ -128,13 +127,19 @@ def _pictures(results: Results, frames: list[int]) -> Iterator[tuple[int, int, n
                 yield at, int(context.source_frames[f]), color, mask
 
 
-def _cloud(results: Results, frame: int, budget: float | None) -> tuple[np.ndarray, np.ndarray, int]:
-    """([N, 3] metres, [N, 3] uint8 sRGB) of the Gaussians of one frame within a budget, every k-th; and how many there
-    were before it."""
+def _cloud(results: Results, frame: int, budget: float | None) -> tuple[np.ndarray, np.ndarray, str]:
+    """([N, 3] metres, [N, 3] uint8 sRGB) of the Gaussians of one frame within a budget, every k-th; and what the budget
+    did, empty without one."""
     found, lifted = splats.frame_splats(results, frame, results.context.views.sources, budget)
+    merged = ""
+    if budget is not None:
+        all_there = splats.NONE_MERGED.format(budget)
+        merged = (
+            all_there if len(found) == lifted else f"merged from {number(lifted, 'Gaussian')} (--budget {budget:.10g})"
+        )
     kept = slice(None, None, max(1, -(-len(found) // MOST_POINTS)))
     color = np.rint(255 * np.clip(0.5 + SH0 * found.harmonics[kept, 0], 0, 1)).astype(np.uint8)
-    return found.mean[kept].astype(np.float64), color, lifted
+    return found.mean[kept].astype(np.float64), color, merged
 
 
 def _sizes(recording: Recording) -> str:

@@ -42,6 +42,10 @@ SPLAT_FILES: Mapping[str, SplatFiles] = {
 """By what `--splats-as` calls it; SuperSplat plays files of the last kind as a sequence."""
 
 
+NONE_MERGED = "within --budget {:.10g}, none merged"
+"""What is said of a budget that all Gaussians fit in."""
+
+
 def chosen_files(kind: str) -> SplatFiles:
     """How splats of a kind are named and written. Raises ConfigError for an unknown one."""
     if kind not in SPLAT_FILES:
@@ -109,7 +113,10 @@ def export_splats(
     said = (
         f"splats: {number(len(files), 'file')} in {folder}, {min(counts)} to {max(counts)} Gaussians each, of {names}"
     )
-    return [said if budget is None else f"{said}; merged from {min(lifted)} to {max(lifted)} (--budget {budget:g})"]
+    if budget is None:
+        return [said]
+    merged = f"merged from {min(lifted)} to {max(lifted)} (--budget {budget:.10g})"
+    return [f"{said}; {NONE_MERGED.format(budget) if counts == lifted else merged}"]
 
 
 def _files(context: Context, folder: Path, kind: str) -> list[Path]:

@@ -11,12 +11,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from textwrap import shorten
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import Console
 
 from posegaussian.dags.humanize.text import number
+from posegaussian.dags.notebook.arguments import camera_index, listed
 from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.planning.selection import Selection
@@ -33,6 +35,10 @@ if TYPE_CHECKING:
 
     from posegaussian.dags.planning.plan import Plan
     from posegaussian.stages.splatting.definition.scene import Gaussians
+
+
+LINE = 120
+"""Characters of settings in the line that an archive is printed as."""
 
 
 class NoSuchFrames(UserError, ValueError):
@@ -64,7 +70,7 @@ def open_archive(
 
     Args:
         url: its folder, or a file:// URL.
-        settings: overrides as for `--set`, for example `depth.method=hull`.
+        settings: overrides as for `--set`, for example `depth.method=hull`; one alone needs no list.
         config: a configuration laid over the packaged default.
         quiet: whether plans and runs print nothing.
 
@@ -73,12 +79,12 @@ def open_archive(
         ConfigError: for settings that are not valid, with all their faults.
     """
     console = Console(quiet=quiet)
-    session = Session.open(Path(config) if config is not None else None, list(settings), str(url), console)
+    session = Session.open(Path(config) if config is not None else None, list(listed(settings)), str(url), console)
     _ = session.archive
     return OpenArchive(session)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class OpenArchive:
     """An archive under some settings."""
 
@@ -101,13 +107,21 @@ class OpenArchive:
         """How many sequences there are."""
         return len(self.names())
 
+    def __repr__(self) -> str:
+        """Its folder and the options it was opened with."""
+        return f"<archive {_opened(self.session)}>"
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, repr=False)
 class OpenSequence:
     """One sequence under the settings it was opened with."""
 
     session: Session
     name: str
+
+    def __repr__(self) -> str:
+        """Its name, its archive's folder, and the options that was opened with."""
+        return f"<sequence {self.name} of {_opened(self.session)}>"
 
     @property
     def context(self) -> Context:
@@ -168,7 +182,7 @@ class OpenSequence:
         Raises:
             NoSuchFrames: for frames that `frames.range` leaves out, or that do not follow one another.
             ShardMissing: where a frame was not computed, or was dropped to save space.
-            ArchiveError: for an array that nobody made.
+            ArchiveError: for an array that nobody made, and for a camera that is not there.
         """
         spec = _made_over_time(array)
         if spec is None:
@@ -184,7 +198,7 @@ class OpenSequence:
             values = results.read(array, span, self._index(view))
         else:
             values = np.stack([results.read(array, span, v) for v in self._views_of(results, array)], axis=1)
-        return values[0] if isinstance(frames, int) else values
+        return values[0] if isinstance(frames, int | np.integer) else values
 
     def table(self, name: str, path: str) -> list[dict[str, Any]]:
         """The rows of a table, such as `table("metrics/{path}", "held_out-...")`: one dict a row."""
@@ -207,8 +221,8 @@ class OpenSequence:
             raise ArchiveError(f"sequence {self.name} has no group {group}; it has {', '.join(known)}")
         return xarray.open_zarr(place, consolidated=False, chunks=None)
 
-    def gaussians(self, frame: int, views: Sequence[str | int] | None = None) -> Gaussians:
-        """The Gaussians of one frame, N of them in world axes, metres: those of the source views, or some of them.
+    def gaussians(self, frame: int, views: Sequence[str | int] | str | int | None = None) -> Gaussians:
+        """The Gaussians of one frame, N of them in world axes, metres: of the source views, of some, or of one.
 
         Raises NoSuchFrames for a frame that `frames.range` leaves out, ShardMissing where it was not computed.
         """
@@ -217,7 +231,8 @@ class OpenSequence:
         from posegaussian.dags.export.splats import frame_gaussians
 
         context = self.context
-        chosen = context.views.sources if views is None else tuple(self._index(v) for v in views)
+        named = (views,) if isinstance(views, str | int | np.integer) else views
+        chosen = context.views.sources if named is None else tuple(self._index(v) for v in named)
         return frame_gaussians(Results(context), _span(context, frame).start, chosen, torch.float32)
 
     def plan(
@@ -227,7 +242,7 @@ class OpenSequence:
         force: Sequence[str] = (),
         paths: Sequence[str] = (),
     ) -> Plan:
-        """What a run would do and why; nothing is computed. `print` it with `posegaussian.dags.diagnostics.tables`.
+        """What a run would do and why, by stage where it is printed; nothing is computed. One name needs no list.
 
         Args:
             only: stages that may run; none: all.
@@ -235,7 +250,8 @@ class OpenSequence:
             force: stages that are made anew though they are fresh.
             paths: camera paths to render instead of the settings' ones, such as `orbit`.
         """
-        return self.session.plan(self.name, Selection(frozenset(only), start, frozenset(force)), tuple(paths))
+        selection = Selection(frozenset(listed(only)), start, frozenset(listed(force)))
+        return self.session.plan(self.name, selection, listed(paths))
 
     def run(
         self,
@@ -260,16 +276,19 @@ class OpenSequence:
             raise UserError(f"{number(len(outcome.collector.failures), 'task')} failed:\n{failed}")
 
     def _index(self, view: str | int) -> int:
-        if isinstance(view, int):
-            return range(len(self.views))[view]
-        if view not in self.views:
-            raise ArchiveError(f"sequence {self.name} has no camera {view!r}; it has {', '.join(self.views)}")
-        return self.views.index(view)
+        return camera_index(self.views, view, f"sequence {self.name}")
 
     def _views_of(self, results: Results, array: str) -> list[int]:
         """Views that have finished outputs of an array. Raises ShardMissing where none has."""
         found = results.views_of(array)
         return found if found else list(self.context.active_views)
+
+
+def _opened(session: Session) -> str:
+    """The archive's folder and the settings it is seen under, the first of many."""
+    options = zip(session.options[::2], session.options[1::2], strict=True)
+    settings = " ".join(f"{option} {value}" for option, value in options if option != "--archive")
+    return " ".join(filter(None, [session.archive_url, shorten(settings, LINE, placeholder=" ...")]))
 
 
 def _made_over_time(array: str) -> ArraySpec | None:
@@ -284,10 +303,13 @@ def _made_over_time(array: str) -> ArraySpec | None:
 def _span(context: Context, frames: range | slice | int | None) -> range:
     """Frame indices as a range. Raises NoSuchFrames for those that are not there, and for steps."""
     every = range(context.grid.frames)
-    if isinstance(frames, int):
-        if not -len(every) <= frames < len(every):
-            raise _no_such(context, "a frame must be", frames)
-        return range(every[frames], every[frames] + 1)
+    if isinstance(frames, int | np.integer):
+        frame = int(frames)
+        if not -len(every) <= frame < len(every):
+            raise _no_such(context, "a frame must be", frame)
+        return range(every[frame], every[frame] + 1)
+    if not isinstance(frames, range | slice | None):
+        raise _no_such(context, "frames must be an index, a range or a slice", frames)
     chosen = every if frames is None else every[frames] if isinstance(frames, slice) else frames
     if chosen.step != 1 or chosen.start < 0 or chosen.stop > len(every):
         raise _no_such(context, "frames must be consecutive", frames)
@@ -302,4 +324,4 @@ def _no_such(context: Context, rule: str, frames: range | slice | int | None) ->
             f"frames.range: '{context.settings.frames.range}' leaves out others of the {filmed} that were filmed;"
             " open_archive(..., settings=['frames.range=START:STOP']) has them"
         )
-    return NoSuchFrames(f"sequence {context.sequence.name}: {rule} within 0..{count - 1}, got {frames}; {others}")
+    return NoSuchFrames(f"sequence {context.sequence.name}: {rule} within 0..{count - 1}, got {frames!r}; {others}")

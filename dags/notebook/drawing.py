@@ -6,14 +6,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from posegaussian.dags.notebook.arguments import camera_index
 from posegaussian.stages.splatting.definition.scene import Camera, Drawing, Gaussians
 from posegaussian.stages.splatting.rasterizer import rasterize
 from posegaussian.storage.model.cameras import Rig
 
 
 def camera_of(rig: Rig, view: str | int, height: int | None = None) -> Camera:
-    """A camera of a rig, or the same camera with a picture of another height (px)."""
-    index = rig.names.index(view) if isinstance(view, str) else view
+    """A camera of a rig, or the same camera with a picture of another height (px).
+
+    Raises ArchiveError for a name or an index that is none of the rig's; it names those there are.
+    """
+    index = camera_index(rig.names, view, "the rig")
     width, full = (int(n) for n in rig.size[index])
     if height is None:
         return Camera(rig.intrinsics[index], rig.world_to_camera[index], width, full)

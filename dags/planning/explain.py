@@ -7,14 +7,10 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from posegaussian.dags.humanize.text import number
 from posegaussian.dags.planning.fingerprint import all_parts, own_parts
-from posegaussian.dags.planning.plan import Plan, State, TaskVerdict
+from posegaussian.dags.planning.plan import Plan, State, TaskVerdict, told
 from posegaussian.dags.planning.tasks import Task, dependencies
 from posegaussian.storage.archive.receipts import Receipt
-
-MOST_REASONS = 4
-"""Different reasons shown for one stage; the rest is counted."""
 
 
 def why(plan: Plan, task: Task) -> list[str]:
@@ -73,14 +69,6 @@ def not_fresh(plan: Plan, tasks: Sequence[Task]) -> list[Task]:
 
 def _states(verdicts: Iterable[TaskVerdict]) -> str:
     return ", ".join(f"{n} {state.value}" for state, n in Counter(v.state for v in verdicts).items())
-
-
-def told(verdicts: Iterable[TaskVerdict]) -> str:
-    """Reasons of tasks, each with how many it holds for, the rest counted."""
-    reasons = Counter(r for v in verdicts if v.state is not State.FRESH for r in v.reasons)
-    shown = [f"{r} ({n}x)" if n > 1 else r for r, n in reasons.most_common(MOST_REASONS)]
-    rest = len(reasons) - len(shown)
-    return "; ".join([*shown, f"and {number(rest, 'more reason')}"] if rest else shown)
 
 
 def _past(plan: Plan, task: Task) -> Iterator[str]:

@@ -12,10 +12,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property
+from textwrap import shorten
 from typing import Any
 
 import numpy as np
 
+from posegaussian.dags.humanize.text import number
 from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.effects import ChoiceVerdict, EffectVerdict, noted
 from posegaussian.dags.planning.fingerprint import all_parts, own_parts, reasons, still_good
@@ -61,7 +63,21 @@ class TaskVerdict:
     """Sentences; for undecided tasks the stage that is waited for."""
 
 
-@dataclass
+MOST_REASONS = 4
+"""Different reasons shown for one stage; the rest is counted."""
+LINE = 160
+"""Characters of a stage's line in a plan that is printed."""
+
+
+def told(verdicts: Iterable[TaskVerdict]) -> str:
+    """Reasons of tasks, each with how many it holds for, the rest counted."""
+    reasons = Counter(r for v in verdicts if v.state is not State.FRESH for r in v.reasons)
+    shown = [f"{r} ({n}x)" if n > 1 else r for r, n in reasons.most_common(MOST_REASONS)]
+    rest = len(reasons) - len(shown)
+    return "; ".join([*shown, f"and {number(rest, 'more reason')}"] if rest else shown)
+
+
+@dataclass(repr=False)
 class Plan:
     """The verdicts of one sequence."""
 
@@ -107,6 +123,21 @@ class Plan:
     def all_fresh(self) -> bool:
         """Whether a run would do nothing."""
         return all(v.state is State.FRESH for v in self.verdicts.values())
+
+    def __repr__(self) -> str:
+        """A line for the sequence, and one for every stage: how many tasks are in which state, and why."""
+        stages: dict[str, list[TaskVerdict]] = {}
+        for v in self.verdicts.values():
+            stages.setdefault(v.task.stage, []).append(v)
+        lines = [
+            f"plan of {self.context.sequence.name}: {len(self.to_make)} of {number(len(self.verdicts), 'task')} to do"
+        ]
+        for stage, found in stages.items():
+            states = ", ".join(f"{n} {state.value}" for state, n in self.counts(stage).items())
+            lines.append(
+                shorten("; ".join(filter(None, [f"{stage}: {states}", told(found)])), LINE, placeholder=" ...")
+            )
+        return "\n".join(lines)
 
 
 def judge(

@@ -276,8 +276,8 @@ class Session:
         if self.voice is Voice.QUIET:
             return []
         if self.console.is_terminal:
-            return [TerminalProgress(self.console, remaining, self.voice)]
-        return [PlainProgress(lambda line: self.say([line]), remaining, self.voice)]
+            return [TerminalProgress(self.console, remaining, self.voice, self.options)]
+        return [PlainProgress(lambda line: self.say([line]), remaining, self.voice, self.options)]
 
     def _log(self, folder: Path, collector: WarningCollector) -> None:
         lines = [f"warning: {w}" for w in collector.warnings]

@@ -1,4 +1,4 @@
-"""Splats as Niantic's SPZ, version 2, which every reader of the format knows: about a tenth of a PLY.
+"""Splats as Niantic's SPZ, version 2, which every reader of the format knows: a quarter to a sixth of a PLY.
 
 One gzip stream: a header of 16 bytes, then positions (24-bit fixed point), alphas, colours, scales and rotations of all
 Gaussians. Axes and units stay those of the splats. Format: https://github.com/nianticlabs/spz, src/cc/load-spz.cc. Own

@@ -107,6 +107,11 @@ def find(source: Path, options: ImagesOptions) -> Capture:
     depth_maps, map_notes = depth_map_streams(
         names, [base / "depth_maps" / n for n in names], pictures, options.depth_scale
     )
+    if options.depth_scale is not None and not depth_maps:
+        raise SourceError(
+            f"--option depth_scale={options.depth_scale:g}: {base / 'depth_maps'} has no depth maps of these pictures;"
+            " put them there as depth_maps/NAME/<number>.exr, .png or .tif, or leave the option out"
+        )
     notes += [*more, *joint_notes, *depth_notes, *map_notes]
     held_out = tuple(n for n in names if entries[n].held_out)
     return Capture(

@@ -12,6 +12,8 @@ from posegaussian.dags.cli.app import app
 from posegaussian.dags.config import first_look as looks
 from posegaussian.dags.config.first_look import FRAMES
 from posegaussian.dags.humanize.text import next_command
+from posegaussian.dags.regret import regret
+from posegaussian.dags.session.session import Session
 from tests.support.pipeline import NAME, Pipeline, film
 
 
@@ -101,3 +103,31 @@ def test_inspect_without_a_name_says_which_there_are(capture: Path) -> None:
     asked = CliRunner().invoke(app, ["inspect", "--archive", "an archive"])
     assert asked.exit_code != 0
     assert "has run, walk: name one" in str(asked.exception)
+
+
+def test_an_interrupted_run_ends_with_the_command_that_goes_on(
+    finished: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    archive = finished.copy(tmp_path / "archive")
+    monkeypatch.setattr(Session, "run_and_report", lambda *_, **__: 130)
+    words = ["run", "--sequence", "per*", "--only", "depth", "--path", "still cam00", *archive.options]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 130, done.output
+    assert done.output.splitlines()[-1] == next_command(*words)
+    assert "next:" not in CliRunner().invoke(app, [*words, "--quiet"]).output
+
+
+def test_where_nothing_failed_the_status_comes_next(finished: Pipeline) -> None:
+    done = CliRunner().invoke(app, ["status", "--failed", *finished.options])
+    assert done.exit_code == 0, done.output
+    assert done.output.splitlines()[-1] == next_command("status", *finished.options)
+
+
+def test_after_the_regret_of_effects_their_reasons_come_next(
+    finished: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(regret, "measured", lambda *_: None)
+    monkeypatch.setattr(regret, "as_lines", lambda _: ["a table"])
+    done = CliRunner().invoke(app, ["effects", "--regret", NAME, *finished.options])
+    assert done.exit_code == 0, done.output
+    assert done.output.splitlines()[-1] == next_command("plan", "--sequence", NAME, "-v", *finished.options)

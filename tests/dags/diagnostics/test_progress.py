@@ -167,6 +167,9 @@ def test_what_is_said_of_several_cameras_alike_is_said_once() -> None:
 def test_effects_take_one_line_unless_every_reason_is_asked_for(voice: Voice, lines: int) -> None:
     told: list[str] = []
     event = EffectsDecided("kick", ("a on (auto): x", "b off (auto): y", "c off (auto): z"), ("a",), ("b", "c"))
-    PlainProgress(told.append, Remaining({}, 1), voice)(event)
+    options = ("--archive", "an archive", "--set", "frames.size=64")
+    PlainProgress(told.append, Remaining({}, 1), voice, options)(event)
     assert len(told) == lines
+    asking = "(why: posegaussian plan -v --archive 'an archive' --set frames.size=64)"
+    assert told[0].endswith(asking) == (voice is Voice.NORMAL), "what the reasons are asked with can be pasted"
     assert all(any(name in line for line in told) for name in "abc"), "every effect is named"

@@ -70,6 +70,11 @@ def test_one_instant_and_its_cloud(made: Pipeline, tmp_path: Path) -> None:
     assert {p.view for p in needed(context, 2)} == set(context.active_views)
 
 
+def test_a_cloud_within_its_budget_is_not_said_to_be_merged(made: Pipeline, tmp_path: Path) -> None:
+    said = export_layout(Results(made.context()), "colmap", tmp_path, 1, budget=1e6)
+    assert said[0].endswith("points of frame 1, within --budget 1000000, none merged")
+
+
 def test_what_cannot_be_asked_for_is_refused(made: Pipeline, tmp_path: Path) -> None:
     def order(**more: object) -> ExportOrder:
         wanted = {"splats": None, **more}

@@ -84,7 +84,7 @@ def test_a_budget_leaves_no_more_and_says_of_how_many(made: Pipeline, tmp_path: 
     export_splats(results, (), tmp_path / "all")
     said = export_splats(results, (), tmp_path / "tenth", budget=0.1)
     export_splats(results, (), tmp_path / "count", budget=150)
-    export_splats(results, (), tmp_path / "whole", budget=1)
+    whole = export_splats(results, (), tmp_path / "whole", budget=1)
     lifted = []
     for name in ("000001.ply", "000002.ply"):
         full, tenth, count = (read_splats(tmp_path / f / name).splats for f in ("all", "tenth", "count"))
@@ -94,6 +94,7 @@ def test_a_budget_leaves_no_more_and_says_of_how_many(made: Pipeline, tmp_path: 
         assert (tmp_path / "whole" / name).read_bytes() == (tmp_path / "all" / name).read_bytes()
         lifted.append(len(full))
     assert f"merged from {min(lifted)} to {max(lifted)} (--budget 0.1)" in said[0]
+    assert whole[0].endswith("; within --budget 1, none merged")
 
 
 def test_budgets_that_cannot_be_are_refused(tmp_path: Path) -> None:
@@ -117,6 +118,14 @@ def test_gsply_reads_both_kinds(made: Pipeline, tmp_path: Path) -> None:
     np.testing.assert_array_equal(whole.means, ours.mean)
     np.testing.assert_array_equal(whole.quats, ours.quaternion)
     np.testing.assert_allclose(small.means, ours.mean, atol=0.5 * 2.0**-12 + 1e-6)  # fixed point of 12 bits
+
+
+def test_spz_takes_a_quarter_to_a_sixth_of_the_bytes(made: Pipeline, tmp_path: Path) -> None:
+    results, whole, small = Results(made.context()), tmp_path / "ply", tmp_path / "spz"
+    export_splats(results, (), whole, "ply")
+    export_splats(results, (), small, "spz")
+    for file in small.iterdir():
+        assert 4 <= (whole / f"{file.stem}.ply").stat().st_size / file.stat().st_size <= 6
 
 
 def test_the_surface_is_where_the_person_stands(made: Pipeline, tmp_path: Path) -> None:

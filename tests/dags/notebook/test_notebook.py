@@ -134,6 +134,54 @@ def test_plan_and_run_are_those_of_the_command_line(finished: Pipeline, tmp_path
     assert opened.plan(paths=["still cam00"]).all_fresh
 
 
+def test_cameras_and_frames_that_are_not_there_are_told_with_those_there_are(
+    opened: posegaussian.OpenSequence,
+) -> None:
+    cameras = ", ".join(opened.views)
+    for view in ("cam99", 99, -99, 1.5):
+        for asked in (
+            lambda v=view: posegaussian.camera_of(opened.rig, v),
+            lambda v=view: opened.read("frames/color", 0, v),
+            lambda v=view: opened.gaussians(0, [v]),
+        ):
+            with pytest.raises(ArchiveError, match=f"no camera {view!r}; it has {cameras}: give one of these names"):
+                asked()
+    for frames in ("0", [0, 1], 0.5):
+        with pytest.raises(NoSuchFrames, match="frames must be an index, a range or a slice"):
+            opened.read("frames/color", frames)  # type: ignore[arg-type]
+    last, index = opened.views[-1], np.int64(len(opened.views) - 1)
+    for view in (-1, index):
+        assert np.array_equal(
+            posegaussian.camera_of(opened.rig, view).intrinsics, posegaussian.camera_of(opened.rig, last).intrinsics
+        )
+    assert np.array_equal(opened.read("frames/color", np.int64(1), index), opened.read("frames/color", 1, last))
+
+
+def test_one_word_stands_for_a_list_of_one(opened: posegaussian.OpenSequence, finished: Pipeline) -> None:
+    source = opened.context.views.sources[0]
+    alone = opened.gaussians(0, [source])
+    for one in (source, np.int64(source), opened.views[source]):
+        assert len(opened.gaussians(0, one)) == len(alone)
+    assert "still cam00" in opened.plan(paths="still cam00").context.path_texts
+    assert opened.plan(only="depth", force="depth").to_make == opened.plan(only=["depth"], force=["depth"]).to_make
+    assert posegaussian.open_archive(finished.root, "depth.method=hull").session.options[-1] == "depth.method=hull"
+
+
+def test_what_a_cell_shows_fits_a_screen(opened: posegaussian.OpenSequence, finished: Pipeline) -> None:
+    archive = posegaussian.open_archive(finished.root, "depth.method=hull")
+    assert repr(archive) == f"<archive {finished.root} --set depth.method=hull>"
+    assert repr(archive[NAME]) == f"<sequence {NAME} of {finished.root} --set depth.method=hull>"
+    assert len(repr(opened)) < 200 + len(str(finished.root)), "of many settings the first"
+    plan = opened.plan(force="depth")
+    first, *stages = repr(plan).splitlines()
+    assert first == f"plan of {NAME}: {len(plan.to_make)} of {len(plan.verdicts)} tasks to do"
+    assert [line.partition(":")[0] for line in stages] == list(dict.fromkeys(t.stage for t in plan.verdicts))
+    assert all(len(line) <= 160 for line in stages)
+    (depth,) = (line for line in stages if line.startswith("depth: "))
+    assert "stale; forced by --force depth (" in depth
+    assert all(line.endswith(" fresh") for line in repr(opened.plan()).splitlines()[1:])
+
+
 def test_the_example_of_the_package_is_true(opened: posegaussian.OpenSequence) -> None:
     """Every name that the package's docstring uses exists."""
     text = posegaussian.__doc__ or ""

@@ -55,6 +55,7 @@ def test_ctrl_c_ends_a_run_in_order(scheduler: str, more: tuple[str, ...], perso
     assert "Ctrl-C once more ends at once" in said
     assert "interrupted; what is done is kept, the next run goes on from here" in said
     assert " done, " in said
+    assert f"\nnext: posegaussian run --archive {pipeline.root} --set " in said, said
     assert "Traceback" not in said, said
     psutil.wait_procs(family, timeout=30)
     assert not list(living(pipeline.root / NAME / "_receipts")), "no lease is left that anybody would wait for"

@@ -16,7 +16,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from posegaussian.dags.cli.app import app
 from posegaussian.dags.export import page
 from posegaussian.dags.export.background import parse
 from posegaussian.dags.planning.results import Results
@@ -183,3 +185,22 @@ def test_ctrl_c_ends_the_command(made: Pipeline) -> None:
         process.kill()
     assert (process.returncode, complained) == (0, "")
     assert f"posegaussian export {NAME} --page person.html --archive {made.root}" in said
+
+
+def test_the_archive_is_named_before_the_sequences_or_by_its_option(
+    made: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def ended(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Server, "serve_forever", ended)
+    archive = str(made.root)
+    for words in ([archive], [archive, NAME], ["--archive", archive]):
+        done = CliRunner().invoke(app, ["view", *words, "--port", "0"])
+        assert done.exit_code == 0, done.output
+        assert f"export {NAME} --page person.html --archive {archive}" in done.output
+    for words, better in (([NAME], NAME), (["here", "a b"], "'a b'")):
+        done = CliRunner().invoke(app, ["view", *words, "--archive", archive, "--port", "0"])
+        assert isinstance(done.exception, ConfigError)
+        assert "the archive is named twice; name it before the sequences alone" in str(done.exception)
+        assert f"`posegaussian view {archive} {better}`" in str(done.exception)

@@ -108,3 +108,11 @@ def test_another_resolution_is_taken_and_another_shape_refused(base: Path) -> No
     write(base, ramp(24, 24))
     with pytest.raises(SourceError, match="another shape than the pictures' 64x48 px"):
         find(base)
+
+
+def test_a_scale_without_maps_is_refused(base: Path) -> None:
+    with pytest.raises(SourceError, match=r"depth_scale=0\.001: .*depth_maps has no depth maps .*leave the option out"):
+        find(base, depth_scale=0.001)
+    write(base, ramp(), number=99)
+    with pytest.raises(SourceError, match="no depth maps of these pictures"):
+        find(base, depth_scale=1)
