@@ -88,6 +88,7 @@ def scope_of(context: Context, task: Task) -> TaskScope:
         path=_path(context, task),
         facts=context.facts,
         joint_set=context.joint_set,
+        rate=float(context.capture.frame_rate),
         settings={name: getattr(context.settings, name) for name in stage_named(task.stage).sees},
     )
 

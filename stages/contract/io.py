@@ -135,6 +135,8 @@ class TaskScope:
     joint_set: str | None
     """Joint set of `pose/joints2d` and `pose/joints3d` (`posegaussian.storage.model.joint_sets`); None where the
     capture has no joints."""
+    rate: float = 30.0
+    """Source frames a second; only stages that are `timed` may use it."""
     settings: Mapping[str, Any] = field(default_factory=dict)
     """Settings of other stages, as far as the stage declares that it `sees` them."""
 

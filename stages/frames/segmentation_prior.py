@@ -30,8 +30,8 @@ STEP = 1.5
 
 
 def warped_hint(person: np.ndarray, region: np.ndarray, captured: np.ndarray) -> np.ndarray:
-    """[h, w] float32 0..1 segmentation of one person at captured positions [h, w, 2] px; negative where the region does
-    not reach.
+    """[h, w] float32 0..1 segmentation of one person at captured positions [h, w, 2] px, NaN where the lens has no
+    picture; negative there and where the region does not reach.
 
     person [n, n] uint8 over region [4]: the centre of its cell (i, j) lies at ((j + .5)/n, (i + .5)/n) of the region.
     Where the positions lie more than two cells apart cells are averaged first, so that nothing aliases.
@@ -39,12 +39,7 @@ def warped_hint(person: np.ndarray, region: np.ndarray, captured: np.ndarray) ->
     shape, side = captured.shape[:2], person.shape[0]
     own = to_own(captured.reshape(-1, 2), region)
     inside = np.all((own >= 0) & (own <= 1), axis=-1).reshape(shape)
-    step = (
-        np.linalg.norm(captured[0, -1] - captured[0, 0]) / max(1, shape[1] - 1) / region[2] * side
-        if np.isfinite(captured[0, [0, -1]]).all()
-        else 1.0
-    )
-    shrink = int(np.clip(step, 1, side // 8))
+    shrink = int(np.clip(_spacing(captured) / region[2] * side, 1, side // 8))
     small = person if shrink < 2 else cv2.resize(person, (side // shrink,) * 2, interpolation=cv2.INTER_AREA)
     at = (
         points_to_integer_centres(np.where(inside.reshape(-1, 1), own, -1.0) * small.shape[0])
@@ -54,6 +49,15 @@ def warped_hint(person: np.ndarray, region: np.ndarray, captured: np.ndarray) ->
     # OpenCV's stubs do not know that the second map may be None
     values = cv2.remap(small, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
     return np.where(inside, values.astype(np.float32) / np.float32(255), np.float32(-1.0))
+
+
+def _spacing(captured: np.ndarray) -> float:
+    """Captured px from one position of [h, w, 2] to the next, amid those of the middle row that the lens has a picture
+    of; 0 where these are fewer than two. Corners, which a lens bends most, may have none (NaN)."""
+    row = captured[len(captured) // 2]
+    seen = row[np.isfinite(row).all(axis=-1)]
+    middle = seen[max(len(seen) - 1, 0) // 2 :][:2]
+    return float(np.linalg.norm(middle[1] - middle[0])) if len(middle) == 2 else 0.0
 
 
 class Hints:
@@ -112,28 +116,26 @@ class Hints:
         return tuple(_enlarged(f.reshape(height, width), whole) for f in found)  # type: ignore[return-value]
 
     def _positions(self, view: int, cell: int) -> np.ndarray:
-        """[h, w, 2] captured px of the centres of a view's cells; where the lens has no picture, far outside."""
+        """[h, w, 2] captured px of the centres of a view's cells; NaN where the lens has no picture."""
         if (view, cell) not in self._captured:
             inputs = self._inputs
             source_rig, crops = switched(inputs.source_rig, inputs.captured_to_calibrated, inputs.facts)
             size = -(-inputs.rig.size[view] // cell)
             pixels = pixel_centres((int(size[0]), int(size[1]))) * cell
-            captured = captured_positions(
+            self._captured[view, cell] = captured_positions(
                 pixels,
                 inputs.rig.intrinsics[view],
                 source_rig.intrinsics[view],
                 source_rig.distortion[view],
                 crops[view],
             )
-            self._captured[view, cell] = np.where(np.isfinite(captured), captured, -1e6)
         return self._captured[view, cell]
 
     def _radius(self, view: int, frame: int) -> int:
         """Cells by which a view's segmentation may be off."""
         side = float(self._region[view][frame, int(self._chosen[view][frame]), 2])
-        positions = self._positions(view, CELL)
-        middle = positions[positions.shape[0] // 2, positions.shape[1] // 2 :][:2]
-        return int(np.ceil(self._margin * side / max(float(np.linalg.norm(middle[-1] - middle[0])), 1e-6)))
+        spacing = _spacing(self._positions(view, CELL))
+        return int(np.ceil(self._margin * side / spacing)) if spacing > 0 else 0
 
     def _depths(self, view: int, frame: int, others: list[int]) -> np.ndarray:
         """[K] depths along a view's rays at which the others are asked, metres: around the joints, else around what

@@ -12,7 +12,7 @@ import numpy as np
 
 from posegaussian.stages.geometry.projection import project
 from posegaussian.stages.geometry.rectification import rectify
-from posegaussian.stages.geometry.subject import body_points, look_at_point, up_direction
+from posegaussian.stages.geometry.subject import TALL_STATURE, body_points, look_at_point, up_direction
 from posegaussian.storage.model.cameras import Rig
 
 MAX_ANGLE = 66.0
@@ -100,7 +100,7 @@ def classify(
     baseline = rig.centres[second] - rig.centres[first]
     angle = angle_between(sight[0], sight[1])
     lean = abs(90.0 - angle_between(baseline, up))
-    body = [seen_body(rig, v, subject, up) for v in (first, second)]
+    body = seen_bodies(rig, (first, second), subject, up)
     name = f"{rig.names[first]} and {rig.names[second]}"
 
     def report(verdict: PairVerdict, measured: float, bound: float, sentence: str) -> PairReport:
@@ -155,13 +155,32 @@ def classify(
 
 def shared_body(rig: Rig, first: int, second: int, subject: np.ndarray, up: np.ndarray) -> float:
     """What both pictures show of a person, over what the one shows that shows more of it; 0 where neither shows any."""
-    a, b = (seen_body(rig, v, subject, up) for v in (first, second))
+    a, b = seen_bodies(rig, (first, second), subject, up)
     return float((a & b).sum() / max(a.sum(), b.sum(), 1))
 
 
-def seen_body(rig: Rig, view: int, subject: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """[96] bool: which points of a person at the subject lie inside a source picture."""
-    return _inside(*project(body_points(subject, up), rig.intrinsics[view], rig.world_to_camera[view]), rig.size[view])
+def seen_bodies(rig: Rig, views: tuple[int, int], subject: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """[96] bool each: which points of a person at the subject lie inside each of two source pictures. A picture of a
+    face has none of them, all lie around it: where the two have none in common, they are of a body as high as what the
+    smaller one shows, if that has some in common."""
+    whole = _seen(rig, views, body_points(subject, up))
+    if (whole[0] & whole[1]).any():
+        return whole
+    high = min(_field(rig, v, subject) for v in views)
+    part = _seen(rig, views, body_points(subject, up, min(1.0, high / TALL_STATURE)))
+    return part if (part[0] & part[1]).any() else whole
+
+
+def _field(rig: Rig, view: int, subject: np.ndarray) -> float:
+    """Metres that the shorter side of a picture spans at the depth of the subject; 0 behind the camera."""
+    depth = float(rig.rotations[view, 2] @ (subject - rig.centres[view]))
+    return max(depth, 0.0) * float((rig.size[view] / rig.intrinsics[view, [0, 1], [0, 1]]).min())
+
+
+def _seen(rig: Rig, views: tuple[int, int], points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """[N] bool each: which of world points [N, 3] lie inside each of two source pictures."""
+    a, b = (_inside(*project(points, rig.intrinsics[v], rig.world_to_camera[v]), rig.size[v]) for v in views)
+    return a, b
 
 
 def _inside(pixels: np.ndarray, depth: np.ndarray, size: np.ndarray) -> np.ndarray:

@@ -98,8 +98,9 @@ def _agreement(rig: Rig, up: np.ndarray) -> float:
     return float(np.hypot(np.cos(roll).mean(), np.sin(roll).mean()))
 
 
-def body_points(subject: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """[96, 3] points on an upright ellipsoid of a person's height and radius around the subject, world metres."""
+def body_points(subject: np.ndarray, up: np.ndarray, scale: float = 1.0) -> np.ndarray:
+    """[96, 3] points on an upright ellipsoid of a person's height and radius, or as many times as large, around the
+    subject, world metres."""
     side = np.cross(up, [1.0, 0, 0] if abs(up[0]) < 0.9 else [0, 1.0, 0])
     side /= np.linalg.norm(side)
     latitude, longitude = np.meshgrid(np.linspace(-np.pi / 2, np.pi / 2, 8), np.arange(12) * np.pi / 6, indexing="ij")
@@ -107,4 +108,4 @@ def body_points(subject: np.ndarray, up: np.ndarray) -> np.ndarray:
     points = (
         PERSON_RADIUS * np.cos(latitude)[..., None] * round_body + TALL_STATURE / 2 * np.sin(latitude)[..., None] * up
     )
-    return subject + points.reshape(-1, 3)
+    return subject + scale * points.reshape(-1, 3)

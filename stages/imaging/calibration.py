@@ -9,7 +9,8 @@ import numpy as np
 
 from posegaussian.stages.contract.declaration import Decision, Effect, Evidence
 from posegaussian.stages.contract.judged import CALIBRATION, MATTES, TURNS, cannot_judge, drawn_at, mean_scores
-from posegaussian.stages.imaging.small_turns import KINDS, LINKS, Links, fitted_turns, turned
+from posegaussian.stages.imaging.camera_mapping import frames_rig
+from posegaussian.stages.imaging.small_turns import KINDS, LINKS, SIDE, Links, fitted_turns, turned
 from posegaussian.storage.model.cameras import Rig
 
 FEWEST = 6
@@ -24,8 +25,9 @@ LEAST_GAIN = 0.05
 where held-out pictures gain 0.5 and more; of a head whose masks are a pixel off and whose cameras are not they lose
 0.14."""
 NEAR = 0.15
-"""Px by which links may miss their lines, of exact cameras and masks (0.02 to 0.12 at 512 px). Nearer than that they do
-not tell whether cameras are off; pictures do, which cameras that are off by 0.1 px cost 0.6 to 0.8 dB."""
+"""Px of the pictures that links were found in (see `as_linked`) by which they may miss their lines, of exact cameras
+and masks (0.02 to 0.12 at 512 px). Nearer than that they do not tell whether cameras are off; pictures do, which
+cameras that are off by 0.1 px cost 0.6 to 0.8 dB."""
 SMALLEST = 256
 """Px of the longer side of pictures that can tell so little; in those of 48 px right cameras would be turned."""
 ALONE_GAIN = 0.1
@@ -41,6 +43,12 @@ def _blind(evidence: Evidence) -> str | None:
     return cannot_judge(len(evidence.sources), bool(evidence.facts & set(MATTES.values())))
 
 
+def as_linked(source_rig: Rig) -> Rig:
+    """Cameras with pictures of the size that links were found in, `SIDE` px or as captured: by whole px of these masks
+    are inexact, and the same bound holds whatever size `frames/*` and the judge's pictures have."""
+    return frames_rig(source_rig, round(SIDE))
+
+
 def told_by(rig: Rig, links: Links) -> tuple[str, float] | None:
     """What tells most of how cameras stand, and the median px by which it misses their lines: outlines, where there are
     some, for features of round things are less exact; None where too few links tell anything."""
@@ -49,16 +57,16 @@ def told_by(rig: Rig, links: Links) -> tuple[str, float] | None:
     return (told[0], medians[told[0]]) if told else None
 
 
-def _settled(rig: Rig, links: Links, bound: float) -> tuple[float | None, str, bool]:
+def _settled(rig: Rig, links: Links, bound: float, longest: int) -> tuple[float | None, str, bool]:
     """Of the source views as they are written down: median px by which links miss their lines, what is told of it, and
-    whether that settles that turns are wrong or useless."""
+    whether that settles that turns are wrong or useless, as pictures of `longest` px are drawn."""
     told = told_by(rig, links)
     if told is None:
         return None, "no two cameras share enough outlines or features to tell", True
     kind, px = told
-    words = f"{WORDS[kind]} miss the lines of other cameras by a median of {px:.2f} px"
+    words = f"{WORDS[kind]} miss the lines of other cameras by a median of {px:.2f} px at {rig.size.max()} px"
     if px <= bound:
-        return px, words, rig.size.max() < SMALLEST
+        return px, words, longest < SMALLEST
     after = links.medians(turned(rig, fitted_turns(rig, links)))
     words += f", {after[kind]:.2f} once these are turned"
     if after[kind] > EXPLAINED[kind] * px:
@@ -69,8 +77,9 @@ def _settled(rig: Rig, links: Links, bound: float) -> tuple[float | None, str, b
 def _calibration(evidence: Evidence, bound: float) -> Decision | None:
     if LINKS not in evidence.noted:
         return None
-    rig = evidence.rig.subset(list(evidence.sources))
-    px, told, settled = _settled(rig, Links.of(evidence.noted[LINKS][:, list(evidence.sources)]), bound)
+    sources = list(evidence.sources)
+    rig, links = as_linked(evidence.source_rig.subset(sources)), Links.of(evidence.noted[LINKS][:, sources])
+    px, told, settled = _settled(rig, links, bound, int(evidence.rig.size[sources].max()))
     if settled:
         return Decision(False, px, bound, told)
     if not {TURNS, CALIBRATION} <= evidence.noted.keys():

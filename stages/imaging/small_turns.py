@@ -78,7 +78,7 @@ class Links:
         return self._missed(rig)[0]
 
     def medians(self, rig: Rig) -> dict[str, float]:
-        """{kind: median px by which links miss their lines}, of the kinds that there are."""
+        """{kind: median px of `rig` by which links miss their lines}, of the kinds that there are."""
         off = np.abs(self.missed(rig))
         return {k: float(np.median(off[self.kind == i])) for i, k in enumerate(KINDS) if (self.kind == i).any()}
 

@@ -51,7 +51,8 @@ def frames_of(inputs: Inputs, most: int, turns: np.ndarray | None = None) -> Fra
     if PERSON_MATTE in inputs.facts:
         if inputs.facts & {ESTIMATED, SEGMENTED}:
             few.put(detection_of(few, settings["detection"]))
-        few.put(pose_of(few, settings["pose"]))
+        # A few frames far apart: nothing bridges them.
+        few.put(pose_of(few, settings["pose"].model_copy(update={"bridge": 0})))
     for v in inputs.views.sources:
         few.put(frames_in(few.of_view(v), settings["frames"]))
     names = [

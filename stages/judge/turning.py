@@ -9,7 +9,7 @@ import numpy as np
 from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.contract.io import Inputs
 from posegaussian.stages.contract.judged import CALIBRATION, mean_scores
-from posegaussian.stages.imaging.calibration import ALONE_GAIN, LEAST_GAIN, NEAR, SMALLEST, told_by
+from posegaussian.stages.imaging.calibration import ALONE_GAIN, LEAST_GAIN, NEAR, SMALLEST, as_linked, told_by
 from posegaussian.stages.imaging.small_turns import LINKS, Links, fitted_turns
 from posegaussian.stages.judge.body import body_facts
 from posegaussian.stages.judge.drawing import scores, with_gaussians
@@ -18,7 +18,6 @@ from posegaussian.stages.judge.memory import Frames
 from posegaussian.stages.refinement.frame import FrameReader
 from posegaussian.stages.refinement.params import RefinementParams
 from posegaussian.stages.refinement.steps.turning import turns_with_gaussians
-from posegaussian.storage.model.cameras import Rig
 
 
 class Tried(NamedTuple):
@@ -45,22 +44,21 @@ class Turned(NamedTuple):
 
 def turns_by_links(inputs: Inputs) -> np.ndarray:
     """[V, 3] rad that fit what pairs of source views both see; 0 of every other camera."""
-    rig, links = _linked(inputs)
+    sources = list(inputs.views.sources)
     turns = np.zeros((len(inputs.rig), 3))
-    turns[list(inputs.views.sources)] = fitted_turns(rig, links)
+    turns[sources] = fitted_turns(inputs.rig.subset(sources), _links(inputs, sources))
     return turns
 
 
-def _linked(inputs: Inputs) -> tuple[Rig, Links]:
-    """The source views, and what pairs of them both see."""
-    sources = list(inputs.views.sources)
-    links = Links.of(np.stack([inputs.read(LINKS, v) for v in sources])[:, sources])
-    return inputs.rig.subset(sources), links
+def _links(inputs: Inputs, sources: list[int]) -> Links:
+    """What pairs of the source views both see."""
+    return Links.of(np.stack([inputs.read(LINKS, v) for v in sources])[:, sources])
 
 
 def near(inputs: Inputs) -> bool:
     """Whether what pairs share lies on each other's lines, as far as it tells, in pictures that can tell more."""
-    told = told_by(*_linked(inputs))
+    sources = list(inputs.views.sources)
+    told = told_by(as_linked(inputs.source_rig.subset(sources)), _links(inputs, sources))
     return told is not None and told[1] <= NEAR and inputs.rig.size.max() >= SMALLEST
 
 

@@ -67,20 +67,31 @@ class Bones:
 
 
 def bridge(
-    rig: Rig, joints: np.ndarray, points: np.ndarray, at: int, reach: int, bones: Bones, min_score: float
+    rig: Rig,
+    joints: np.ndarray,
+    points: np.ndarray,
+    at: int,
+    reach: int,
+    bones: Bones,
+    min_score: float,
+    run: slice = slice(None),
 ) -> np.ndarray:
     """Points [J, 4] (x, y, z, score) of frame `at`, world metres, 0 score = unknown, from those of the frames around
     it.
 
     points [F, J, 4] as triangulated; joints [V, J, 3] the detections of frame `at` in pixels of `rig` (no lens); only
-    frames within `reach` are looked at. A joint known here and not rejected is returned bit by bit. A frame in which
-    nothing is known stays so: nobody may be there. A bridged joint's score falls from that of the frames it comes from,
-    by 1 / (reach + 1) for every frame to the nearest of them; it is halved where there is only a before or only an
-    after, which takes a view's ray to be believed.
+    frames within `reach` are looked at, and those that are not in the `run` of frames that follow each other in time
+    around this one say how long bones are and nothing else. A joint known here and not rejected is returned bit by bit.
+    A frame in which nothing is known stays so: nobody may be there. A bridged joint's score falls from that of the
+    frames it comes from, by 1 / (reach + 1) for every frame to the nearest of them; it is halved where there is only a
+    before or only an after, which takes a view's ray to be believed.
     """
     first = max(0, at - reach)
     window, here = points[first : at + reach + 1], at - first
-    sound = ~rejected(window, bones) & (window[..., 3] > 0)
+    linked = np.zeros(len(points), dtype=bool)
+    linked[run] = True
+    linked = linked[first : at + reach + 1]
+    sound = ~rejected(window, bones, linked) & (window[..., 3] > 0) & linked[:, None]
     out = np.where(sound[here][:, None], points[at], 0.0)
     for j in bones.order if sound[here].any() else ():
         if not sound[here, j]:
@@ -88,15 +99,17 @@ def bridge(
     return out
 
 
-def rejected(points: np.ndarray, bones: Bones) -> np.ndarray:
+def rejected(points: np.ndarray, bones: Bones, linked: np.ndarray | None = None) -> np.ndarray:
     """[F, J] known joints of [F, J, 4] that cannot be: at the end of bones of another length, or that jump away and
-    back.
+    back among frames that follow each other, `linked` [F] bool; None: all do.
 
     Of a frame's impossible bones, the joint goes first that most of them meet at; of equals, the one that they are the
     greater share of and that fewer views agree on, by share less score.
     """
     known = points[..., 3] > 0
-    bad, ends = _jumps(points, known), bones.ends
+    follow = slice(None) if linked is None else linked
+    bad, ends = np.zeros(known.shape, dtype=bool), bones.ends
+    bad[follow] = _jumps(points[follow], known[follow])
     both = known[:, ends[:, 0]] & known[:, ends[:, 1]]
     judged = both & (both.sum(axis=0) >= FEWEST)
     lengths = np.linalg.norm(points[:, ends[:, 0], :3] - points[:, ends[:, 1], :3], axis=-1)

@@ -39,12 +39,6 @@ def jumps(seen: np.ndarray, times: np.ndarray, set_id: str, own: range, reach: i
     return found
 
 
-def seconds_of(inputs: Inputs, numbers: np.ndarray) -> np.ndarray:
-    """[n] seconds of source frame numbers, by the rate of the task's own."""
-    last = int(inputs.source_frames[-1])
-    return numbers * (float(inputs.time[-1]) / last if last else 1.0)
-
-
 def jumps_told(found: list[tuple[int, int, float]], inputs: Inputs) -> tuple[str, ...]:
     """A sentence on where the subject jumps, by source frame and camera; none where it does not."""
     if not found:

@@ -33,6 +33,13 @@ def span_of(inputs: Inputs) -> range:
     return inputs.span(DETECTIONS if ESTIMATED in inputs.facts else "joints")
 
 
+def numbers_of(inputs: Inputs) -> np.ndarray:
+    """[n] source frame numbers of `span_of(inputs)`."""
+    if JOINTS2D not in inputs.facts:
+        return inputs.source_frames
+    return inputs.footage(DETECTIONS if ESTIMATED in inputs.facts else "joints")[0]
+
+
 def subject_in_views(inputs: Inputs, params: PoseParams, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Joints [F, V, J, 3] of the subject in every view, px of frames/*, and which of the people found [F, V] it is;
     -1: none, or not told.

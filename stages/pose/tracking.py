@@ -9,11 +9,15 @@ import numpy as np
 from posegaussian.stages.contract.facts import TRACKED
 from posegaussian.stages.contract.io import Inputs
 from posegaussian.stages.pose.bridge import Bones, bridge
-from posegaussian.stages.pose.jumps import jumps, seconds_of
+from posegaussian.stages.pose.jumps import jumps
 from posegaussian.stages.pose.left_right_swaps import Sides, between_views, mended
 from posegaussian.stages.pose.params import PoseParams, halo, swap_reach
-from posegaussian.stages.pose.subject_detections import span_of, subject_in_views
+from posegaussian.stages.pose.subject_detections import numbers_of, span_of, subject_in_views
 from posegaussian.storage.model.joint_sets import joint_set
+
+APART = 0.2
+"""Seconds from a worked frame to the next beyond which neither tells anything of the other: who turns round in a second
+has turned by more than 72 degrees, and from 90 on left is taken for right."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +41,7 @@ class Followed:
 
 def follow(inputs: Inputs, params: PoseParams, set_id: str) -> Followed:
     """The 2D joints of the subject in the source views, and what they say in space; each frame from those within the
-    halo only.
+    halo only, and of these from such as follow each other in time.
 
     Views of a frame are always compared: it takes little where they agree, and no sample of frames could tell that a
     detector exchanges left and right in none. Frames are compared and bridged while `params.bridge` is not 0.
@@ -49,7 +53,9 @@ def follow(inputs: Inputs, params: PoseParams, set_id: str) -> Followed:
     sources, sides, bones = list(inputs.views.sources), Sides.of(set_id), Bones.of(set_id)
     rig, limits = inputs.rig.subset(sources), (params.min_score, params.max_residual)
     sightings = [between_views(rig, s, sides, *limits) for s in seen[:, sources]]
-    done = [mended(rig, sightings, f, swap_reach(params), sides, *limits) for f in around]
+    numbers, most, reach = numbers_of(inputs), APART * inputs.rate, swap_reach(params)
+    runs = following(numbers, most)
+    done = [mended(rig, sightings[runs[f]], f - runs[f].start, reach, sides, *limits) for f in around]
     points = np.stack([p for _, p, _ in done])
     at = slice(own.start - around.start, own.stop - around.start)
     joints, exchanged = np.zeros((count, *seen.shape[1:])), np.zeros((count, len(inputs.rig), 3), dtype=bool)
@@ -57,16 +63,16 @@ def follow(inputs: Inputs, params: PoseParams, set_id: str) -> Followed:
         joints[f, sources], exchanged[f, sources] = found, parts
     out = points[at]
     if params.bridge:
+        runs, limit = following(numbers[around.start : around.stop], most), params.min_score
         out = np.stack(
             [
-                bridge(rig, joints[f, sources], points, f + at.start, params.bridge, bones, params.min_score)
+                bridge(rig, joints[f, sources], points, f + at.start, params.bridge, bones, limit, runs[f + at.start])
                 for f in range(count)
             ]
         )
     jumped = []
     if TRACKED in inputs.facts:
-        numbers, _ = inputs.footage("people/number")
-        jumped = jumps(seen, seconds_of(inputs, numbers), set_id, own, halo(params, inputs.facts)[0])
+        jumped = jumps(seen, numbers / inputs.rate, set_id, own, halo(params, inputs.facts)[0])
     return Followed(
         joints,
         out,
@@ -75,6 +81,14 @@ def follow(inputs: Inputs, params: PoseParams, set_id: str) -> Followed:
         chosen[own.start : own.stop],
         jumped,
     )
+
+
+def following(numbers: np.ndarray, most: float) -> list[slice]:
+    """[n] for each of ascending source frame numbers the run that it is in, of such as lie at most so many from one to
+    the next."""
+    ends = [*np.flatnonzero(np.diff(numbers) > most) + 1, len(numbers)]
+    starts = [0, *ends[:-1]]
+    return [slice(int(a), int(b)) for a, b in zip(starts, ends, strict=True) for _ in range(a, b)]
 
 
 def swaps_told(followed: Followed, inputs: Inputs) -> tuple[str, ...]:

@@ -248,7 +248,7 @@ class FrameRenderer:
         if self.silhouettes is None or SILHOUETTE_CLIPPING not in self.facts:
             return None
         if MASKS not in self.facts:
-            return self.silhouettes.wider(UNSURE * float(self.rig.size[self.usable].max(initial=0)))
+            return self.silhouettes.wider(UNSURE * self.silhouettes.sizes.max(axis=1))
         if self.share == 0:
             return self.silhouettes
         widths = [width for width in self.widths.values() if width > 0]

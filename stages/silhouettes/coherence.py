@@ -86,12 +86,12 @@ class Outlined:
         return cls(silhouettes, rims, {v: len(rim) for v, rim in rims.items()})
 
     def excess(self, rig: Rig, view: int) -> np.ndarray:
-        """[n] px by which the best place of each ray of a view lies outside the silhouettes of the others, at most
-        `FAR`, with the cameras as they stand in `rig`."""
+        """[n] px of the rig's largest pictures by which the best place of each ray of a view lies outside the
+        silhouettes of the others, at most `FAR`, with the cameras as they stand in `rig`."""
         s = self.silhouettes
         origin, directions = rays(self.rims[view], rig.intrinsics[view], rig.world_to_camera[view])
         others, sides = s.asked(origin, view)
-        far = FAR * float(rig.size.max()) / SIDE
+        longest = float(rig.size.max())
         if not len(others):
             return np.zeros(len(directions))
         return _excess(
@@ -102,10 +102,11 @@ class Outlined:
             s.distance,
             s.projections,
             s.sizes,
+            longest / s.sizes.max(axis=1),
             s.centre,
             s.radius,
             STEP * s.pixel,
-            far,
+            FAR * longest / SIDE,
         )
 
     def among(self, views: Sequence[int]) -> Outlined:
@@ -135,8 +136,8 @@ class Standing:
     exchanged: bool
     """Whether two wrong cameras would be coherent with the others, did each stand in the other's place."""
     apart: np.ndarray
-    """[V] px of the rig, mean over its rays or median over its joints, by which a camera that is turned or wrong
-    contradicts those that are right, as it is written down; 0 of all others."""
+    """[V] px of the rig's largest pictures, mean over its rays or median over its joints, by which a camera that is
+    turned or wrong contradicts those that are right, as it is written down; 0 of all others."""
     by_joints: bool = False
     """Whether joints told it, in place of silhouettes."""
 
@@ -308,7 +309,7 @@ def _amid(
 
 def _axes(rig: Rig, view: int) -> np.ndarray:
     """[3, 3] rad of a turn by a px of a picture of `SIDE` px: yaw, pitch, and roll, see `ROLLED`."""
-    one = float(rig.size.max()) / SIDE / rig.intrinsics[view, 0, 0]
+    one = float(rig.size[view].max()) / SIDE / rig.intrinsics[view, 0, 0]
     return one * np.eye(3)[[1, 0, 2]] * np.array([[1.0], [1.0], [ROLLED]])
 
 
@@ -344,13 +345,14 @@ def _excess(
     distance: np.ndarray,
     projections: np.ndarray,
     sizes: np.ndarray,
+    scales: np.ndarray,
     centre: np.ndarray,
     radius: float,
     pixel: float,
     far: float,
 ) -> np.ndarray:
-    """[N] px by which the best place of a ray lies outside the silhouettes of `others`, of which the first `sides` look
-    from the side, at most `far`; `pixel` metres a step."""
+    """[N] px, `scales` [S] of them a px of each view, by which the best place of a ray lies outside the silhouettes of
+    `others`, of which the first `sides` look from the side, at most `far`; `pixel` metres a step."""
     count = projections.shape[0]
     out = np.full(len(directions), far)
     start, along = np.empty((count, 3)), np.empty((count, 3))
@@ -367,7 +369,7 @@ def _excess(
             for v in others:
                 px, _edge, _w = beside(z, v, start, along, distance, sizes)
                 seen += px > -np.inf
-                worst = max(worst, px)
+                worst = max(worst, px * scales[v])
                 if worst >= out[n]:
                     break
             if worst < out[n] and seen >= min(WITNESSES, len(others)):

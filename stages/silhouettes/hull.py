@@ -135,11 +135,12 @@ class Silhouettes:
         beside it, as far as it lies outside the silhouette, negative."""
         return within(self.distance)
 
-    def wider(self, px: float) -> Silhouettes:
-        """The same, each wider by some px of its own picture."""
-        low, high = self.boxes[:, :2] - px, self.boxes[:, 2:] + px
+    def wider(self, px: float | np.ndarray) -> Silhouettes:
+        """The same, each wider by some px of its own picture, of all or of each [S]."""
+        each = np.broadcast_to(px, len(self.views))
+        low, high = self.boxes[:, :2] - each[:, None], self.boxes[:, 2:] + each[:, None]
         boxes = np.concatenate([np.maximum(low, 0), np.minimum(high, self.sizes - 1)], axis=1)
-        return replace(self, distance=self.distance - np.float32(px), boxes=boxes)
+        return replace(self, distance=self.distance - each.astype(np.float32)[:, None, None], boxes=boxes)
 
     def kept(self, views: set[int]) -> Silhouettes:
         """Those of the given views alone."""

@@ -11,6 +11,7 @@ from posegaussian.stages.frames.params import FramesParams
 from posegaussian.stages.frames.segmentation_prior import Hints
 from posegaussian.stages.frames.stage import STAGE
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture
+from posegaussian.storage.model.cameras import Rig
 from tests.support.memory_inputs import MemoryInputs
 
 FACTS = frozenset({"several_frames", "joints2d", "detected", "segmented"})
@@ -40,10 +41,16 @@ def segmented(person: PersonCapture, cells: int = 256) -> dict[str, np.ndarray]:
     }
 
 
-def hints_of(person: PersonCapture, arrays: dict[str, np.ndarray], view: int, facts: frozenset[str] = FACTS) -> Hints:
-    """The hints of one view's task over all frames."""
-    frames, params = len(person.mask), FramesParams()
+def hints_of(
+    person: PersonCapture,
+    arrays: dict[str, np.ndarray],
+    view: int,
+    facts: frozenset[str] = FACTS,
+    source_rig: Rig | None = None,
+) -> Hints:
+    """The hints of one view's task over all frames; `source_rig`: the cameras with their lenses, None: without any."""
+    frames, params, span = len(person.mask), FramesParams(), range(len(person.mask))
     inputs: Any = MemoryInputs(
-        STAGE, params, arrays, person.rig, person.views, range(frames), frames, view=view, facts=facts
+        STAGE, params, arrays, person.rig, person.views, span, frames, view, facts=facts, source_rig=source_rig
     )
     return Hints(inputs, params.hint_margin)

@@ -19,7 +19,7 @@ from posegaussian.dags.planning.plan import State, judge
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.tasks import Task
 from posegaussian.dags.runtime.events import TaskDone, TaskFailed
-from posegaussian.dags.runtime.ordering import lacks_description
+from posegaussian.dags.runtime.ordering import lacks_description, scope_of
 from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.model.errors import ConfigError
@@ -64,6 +64,8 @@ def test_another_frame_rate_is_told_to_the_stages_that_go_by_seconds_and_to_read
     slower = Pipeline(archive.root, tmp_path / "slower", archive.settings, archive.partition, archive.held_out)
     slower.register()
     assert stale(slower)["pose"] == {f"the frame rate {was:g} -> 5"}
+    pose = next(t for t in slower.plan().verdicts if t.stage == "pose")
+    assert scope_of(slower.context(), pose).rate == 5
     assert lacks_description(slower.plan())
     assert slower.ran() == {"pose": 3}
     assert slower.plan().all_fresh

@@ -3,11 +3,14 @@ against each other."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from posegaussian.stages.frames.segmentation_prior import warped_hint
 from posegaussian.stages.geometry.projection import pixel_centres
+from posegaussian.stages.imaging.camera_mapping import captured_positions
 from posegaussian.stages.imaging.regions import to_own
 from posegaussian.stages.silhouettes.support import Fields, ray_support
 from posegaussian.stages.simulator.subjects.capsule_person import capture_person
@@ -34,6 +37,28 @@ def test_a_coarse_grid_averages_the_hint() -> None:
     stripes = np.tile(np.array([0, 255], np.uint8), (256, 128))
     coarse = warped_hint(stripes, np.array([64.0, 64.0, 128.0, 0.0]), pixel_centres((16, 16)) * 8)
     assert np.abs(coarse - 0.5).max() < 0.01
+
+
+@pytest.mark.parametrize("off_centre", [-3.0, 3.0])
+def test_a_lens_whose_model_ends_before_a_corner_blurs_no_hint(off_centre: float) -> None:
+    """One of the top corners has a picture, the other has none; within, the hint is as fine as it is without."""
+    person = capture_person(4, 160, 1, 0)
+    person.rig.intrinsics[:, 0, 2] += off_centre
+    k = person.rig.intrinsics[0]
+    lens = np.zeros_like(person.rig.distortion)
+    lens[:, 0] = -(k[0, 0] ** 2) / 3 / (80**2 + k[1, 2] ** 2)  # as far as a corner of a picture in the middle
+    cameras = replace(person.rig, distortion=lens)
+    arrays = segmented(person)
+    hint = hints_of(person, arrays, 0, source_rig=cameras).of_view(0, 0)
+    captured = captured_positions(pixel_centres((160, 160)), k, k, lens[0], np.array([1.0, 0.0, 0.0]))
+    assert np.isnan(captured[0, [0, -1], 0]).sum() == 1
+    imaged = np.isfinite(captured).all(axis=-1)
+    assert hint is not None
+    np.testing.assert_array_equal(hint >= 0, imaged & (captured >= 0).all(axis=-1) & (captured <= 160).all(axis=-1))
+    row, column = (np.where(imaged, captured[..., i], 0.0).clip(0, 159).astype(int) for i in (1, 0))
+    there = imaged & (person.mask[0, 0][row, column] > 127)
+    assert there.sum() > 1000
+    assert ((hint > 0.5) & there).sum() > 0.9 * ((hint > 0.5) | there).sum()
 
 
 def _one_sided(value: float, size: int = 32) -> tuple[Rig, Fields]:

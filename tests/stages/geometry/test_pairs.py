@@ -105,6 +105,27 @@ def test_a_body_partly_beside_one_picture_does_not_refuse_a_pair() -> None:
     assert classify(rig, 0, 1, subject=subject, up=up).usable
 
 
+@pytest.mark.parametrize(("distance", "field"), [(1.0, 0.30), (0.6, 0.25), (2.0, 0.08)])
+def test_cameras_around_a_face_are_matched_with_their_neighbours(distance: float, field: float) -> None:
+    """Their pictures show nothing of the outline of a person, who is all around; one that looks past it is told."""
+    focal = 1024 * distance / field
+    around = [camera(on_ring(a, 1, distance), ORIGIN) for a in range(0, 360, 45)]
+    rig = rig_of(around, focal=focal)
+    partners = choose_pairs(rig, range(8), 2)
+    assert {v: sorted(p) for v, p in partners.items()} == {v: sorted([(v - 1) % 8, (v + 1) % 8]) for v in range(8)}
+    past = camera(on_ring(22.5, 1, distance), ORIGIN + np.array([0.0, 0, 1.5 * field]))
+    for poses in ([around[0], past], [past, around[0]]):
+        report = classify(rig_of(poses, focal=focal), 0, 1, subject=ORIGIN, up=np.array([0.0, 0, 1]))
+        assert report.verdict is PairVerdict.UNSEEN
+
+
+def test_a_whole_person_in_one_picture_and_a_face_in_the_other_is_a_pair() -> None:
+    rig = rig_of([REFERENCE, beside(22.5)], focal=[819.2, 8192.0])
+    subject, up = ORIGIN, np.array([0.0, 0, 1])
+    assert classify(rig, 0, 1, subject=subject, up=up).usable
+    assert shared_body(rig, 0, 1, subject, up) > 0.5
+
+
 def test_a_camera_that_looks_elsewhere_is_told_by_name_in_either_order():
     away = camera(on_ring(22.5), 10 * on_ring(22.5))
     for poses, name in (([REFERENCE, away], "cam1"), ([away, REFERENCE], "cam0")):

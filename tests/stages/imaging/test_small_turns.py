@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from posegaussian.stages.contract.io import Views
+from posegaussian.stages.contract.judged import CALIBRATION, TURNS
 from posegaussian.stages.geometry.epipolar import fundamental, signed_epipolar_distance
 from posegaussian.stages.geometry.projection import project
-from posegaussian.stages.imaging.small_turns import MOST, POINTS, Links, fitted_turns, turned
+from posegaussian.stages.imaging.calibration import ALONE_GAIN, CALIBRATION_CORRECTION, NEAR
+from posegaussian.stages.imaging.camera_mapping import frames_rig
+from posegaussian.stages.imaging.small_turns import LINKS, MOST, POINTS, Links, fitted_turns, turned
+from posegaussian.stages.judge.turning import near
 from posegaussian.stages.simulator.subjects.capsule_person import capture_person
 from posegaussian.storage.model.cameras import Rig
 
@@ -142,6 +149,38 @@ def test_the_size_of_pictures_changes_nothing(rig: Rig) -> None:
     links = Links.of(noted(rig, points_about(rig), noise=0.2))
     found = [fitted_turns(turned(r, by), links) for r in (rig, half)]
     assert np.allclose(*found, atol=1e-9)
+
+
+def test_the_bound_is_the_same_at_every_size_of_frames_and_of_the_judge_s_pictures(rig: Rig) -> None:
+    """Links of exact cameras that scatter as those of masks do lie within it; what they miss by is told in px of the
+    pictures that they were found in."""
+    scale = np.diag([4.0, 4.0, 1.0])
+    source = replace(rig, intrinsics=scale @ rig.intrinsics, size=4 * rig.size)
+    links = noted(rig, points_about(rig), noise=0.14)
+    px = [Links.of(links).medians(rig)["outlines"]]
+    assert 0.5 * NEAR < px[0] < NEAR
+    for size in (384, 512, 2048):
+        frames = frames_rig(source, size)
+        for scores in ((20.0, 20.0 + 0.9 * ALONE_GAIN), (20.0, 20.0 + 1.1 * ALONE_GAIN)):
+            drawn = np.array([[[psnr, 0.9, 1.0] for psnr in scores]])
+            evidence: Any = SimpleNamespace(
+                rig=frames,
+                source_rig=source,
+                sources=range(len(rig)),
+                noted={LINKS: links, TURNS: np.zeros((len(rig), 3)), CALIBRATION: drawn},
+            )
+            decision = CALIBRATION_CORRECTION.decide(evidence, NEAR)
+            assert decision is not None
+            assert decision.on == (scores[1] > 20.0 + ALONE_GAIN)
+            px.append(decision.measured)
+        inputs: Any = SimpleNamespace(
+            rig=frames,
+            source_rig=source,
+            views=Views(rig.names, tuple(range(len(rig))), ()),
+            read=lambda _, v: links[v],
+        )
+        assert near(inputs)
+    np.testing.assert_allclose(px, px[0], rtol=1e-9)
 
 
 def test_medians_are_told_by_kind(rig: Rig) -> None:

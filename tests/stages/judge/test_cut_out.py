@@ -13,6 +13,7 @@ from posegaussian.dags.runtime.events import EffectsDecided
 from posegaussian.stages.contract.facts import JOINTS2D, SEGMENTED, Facts
 from posegaussian.stages.contract.io import Views
 from posegaussian.stages.contract.judged import DEPTH, GIVEN_MATTE, PERSON_MATTE
+from posegaussian.stages.judge import footage
 from posegaussian.stages.judge import run as judge
 from posegaussian.stages.judge.body import body_facts
 from posegaussian.stages.judge.footage import spread
@@ -22,9 +23,10 @@ from tests.support.pipeline import Pipeline, film
 
 
 @pytest.fixture(scope="module")
-def plain(tmp_path_factory: pytest.TempPathFactory) -> tuple[Pipeline, list, Frames]:
-    """A run of a capture without masks, its events, and the frames that its judge looked at."""
-    folder, seen = tmp_path_factory.mktemp("plain"), []
+def plain(tmp_path_factory: pytest.TempPathFactory) -> tuple[Pipeline, list, Frames, list[int]]:
+    """A run of a capture without masks, its events, the frames that its judge looked at, and by how many frames joints
+    of these were bridged."""
+    folder, seen, bridged = tmp_path_factory.mktemp("plain"), [], []
     film(folder / "capture", views=4, frames=2, held_out=0, masks=False, depth=False)
     settings = ["depth.method=auto", "frames.range=0:1", "judge.views=3"]
     p = Pipeline(folder / "archive", folder / "capture", settings, held_out="[]")
@@ -32,13 +34,21 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> tuple[Pipeline, list, Fra
     with pytest.MonkeyPatch.context() as patch:
         original = judge.frames_of
         patch.setattr(judge, "frames_of", lambda *a: seen.append(original(*a)) or seen[-1])
+        posed = footage.pose_of
+        patch.setattr(footage, "pose_of", lambda few, given: bridged.append(given.bridge) or posed(few, given))
         before = left_out_views(p.plan().context)
         assert "was not measured" in before
         events = p.run()
-    return p, events, seen[0]
+    return p, events, seen[0], bridged
 
 
-def test_masks_of_the_judge_are_those_of_the_run(plain: tuple[Pipeline, list, Frames]) -> None:
+def test_joints_of_a_few_frames_far_apart_are_not_bridged(plain: tuple[Pipeline, list, Frames, list[int]]) -> None:
+    p, *_, bridged = plain
+    assert p.plan().context.settings.pose.bridge > 0
+    assert set(bridged) == {0}
+
+
+def test_masks_of_the_judge_are_those_of_the_run(plain: tuple[Pipeline, list, Frames, list[int]]) -> None:
     """The pictures are smaller than the judge's, so that both work at one size; one frame, so that no other helps."""
     results, few = Results(plain[0].plan().context), plain[2]
     for v in few.views.sources:
@@ -47,8 +57,8 @@ def test_masks_of_the_judge_are_those_of_the_run(plain: tuple[Pipeline, list, Fr
         assert few.read("frames/mask", v).any()
 
 
-def test_a_capture_without_masks_is_judged(plain: tuple[Pipeline, list, Frames]) -> None:
-    p, events, _ = plain
+def test_a_capture_without_masks_is_judged(plain: tuple[Pipeline, list, Frames, list[int]]) -> None:
+    p, events, *_ = plain
     told = [s for e in events if isinstance(e, EffectsDecided) for s in e.sentences]
     assert any(s.startswith("depth.method: left-out source views") for s in told)
     plan = p.plan()
@@ -56,7 +66,9 @@ def test_a_capture_without_masks_is_judged(plain: tuple[Pipeline, list, Frames])
     assert (plan.context.noted[DEPTH][:3] >= 0).all()
 
 
-def test_inspection_says_what_was_measured_and_else_how_to(plain: tuple[Pipeline, list, Frames]) -> None:
+def test_inspection_says_what_was_measured_and_else_how_to(
+    plain: tuple[Pipeline, list, Frames, list[int]],
+) -> None:
     p = plain[0]
     assert left_out_views(p.plan().context).startswith("measured: left-out source views")
     assert "cannot be measured" in left_out_views(p.with_settings("frames.matte=none").plan().context)

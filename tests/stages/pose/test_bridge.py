@@ -186,3 +186,19 @@ def test_a_short_capture_judges_no_bone() -> None:
     points = swinging(4)
     points[1, LWRIST, :3] += 0.4
     np.testing.assert_array_equal(bridged(points), points)
+
+
+def test_frames_of_another_run_say_how_long_bones_are_and_nothing_else() -> None:
+    """Who faces the other way after a break has not jumped; a joint that is missing there stays so."""
+    points = np.concatenate([np.repeat(SKELETON[None], 13, axis=0), np.full((13, 17, 1), 0.9)], axis=-1)
+    points[:, [LELBOW, 8], 1], points[:, [LWRIST, 10], 1] = [0.5, -0.5], [0.8, -0.8]
+    points[6, :, :2] *= -1
+    points[6, RANKLE] = 0
+    points[6, 15, 2] -= 0.4
+    nobody, run = np.zeros((len(RIG), 17, 3)), slice(6, 7)
+    alone, among = (bridge(RIG, nobody, points, 6, REACH, BONES, 0.2, r) for r in (run, slice(None)))
+    assert np.abs(among[LWRIST] - points[6, LWRIST]).max() > 0.5, "a wrist that jumps away and back"
+    kept = np.ones(17, dtype=bool)
+    kept[[15, RANKLE]] = False
+    np.testing.assert_array_equal(alone[kept], points[6, kept])
+    assert not alone[~kept].any()

@@ -38,6 +38,16 @@ def pose(
     return tuple(whole[n] for n in NAMES)
 
 
+class Strided(MemoryInputs):
+    """Inputs whose worked frames are every so manieth of the source."""
+
+    step = 1
+
+    def footage(self, array: str) -> tuple[np.ndarray, np.ndarray]:
+        numbers, valid = super().footage(array)
+        return self.step * numbers, valid
+
+
 def test_held_out_views_are_filled_from_the_others_and_never_read() -> None:
     rig, points = ring(6, size=96), walk(3)
     exact = pixels(rig, points)
@@ -274,6 +284,29 @@ def test_sides_are_put_right_and_hidden_joints_bridged_and_the_report_says_so() 
         note == "joints2d: left and right were exchanged, and put back, in 3 of 9 frames, first in frame 42 (frames by"
         " camera: cam00 1, cam01 1, cam02 3, cam03 1, cam04 1, cam05 1)"
     )
+
+
+@pytest.mark.parametrize(("step", "rate", "apart"), [(1, 5, False), (6, 30, False), (1, 4, True), (60, 30, True)])
+def test_frames_that_lie_far_apart_tell_nothing_of_each_other(step: int, rate: float, apart: bool) -> None:
+    """Somebody who faces the other way in every second frame is the same with left and right exchanged, and a wrist
+    that is not seen may be anywhere; consecutive frames at a usual rate put right what is wrong."""
+    rig = ring(6, size=128)
+    points = np.repeat(SKELETON[None], 8, axis=0)
+    points[1::2] *= [-1, -1, 1]
+    exact = pixels(rig, points)
+    exact[3, :, 9] = 0
+    given = Joints2D([[[exact[f // step, v]] for v in range(6)] for f in range(8 * step)])
+    params = PoseParams()
+    sources = {"joints": given}
+    facts = frozenset({"joints2d"})
+    inputs = Strided(STAGE, params, {}, rig, roles(rig), range(2, 6), 8, sources=sources, facts=facts)
+    inputs.step = step
+    inputs = inputs.but(source_frames=step * np.arange(2, 6), rate=rate)
+    three = next(b.data for b in run(inputs, params) if b.array == "pose/joints3d")
+    known = np.arange(17) != 9
+    kept = [np.abs(three[f, known, :3] - points[2 + f, known]).max() < 1e-4 for f in range(4)]
+    assert all(kept) == apart
+    assert (three[1, 9, 3] == 0) == apart
 
 
 def test_without_a_bridge_every_frame_stands_by_itself() -> None:

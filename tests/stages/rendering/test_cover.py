@@ -1,11 +1,17 @@
 """How much of a picture the hull of the silhouettes covers: soft like the masks, and the same however it is found."""
 
+from typing import Any
+
 import cv2
 import numpy as np
 import pytest
 
+from posegaussian.stages.contract.io import Views
+from posegaussian.stages.registry import stage
 from posegaussian.stages.rendering import clipping
-from posegaussian.stages.rendering.clipping import cover, retouched
+from posegaussian.stages.rendering.clipping import UNSURE, cover, retouched
+from posegaussian.stages.rendering.frame import FrameRenderer, MapReader
+from posegaussian.stages.rendering.params import RenderingParams
 from posegaussian.stages.silhouettes import coverage
 from posegaussian.stages.silhouettes.coverage import FINE
 from posegaussian.stages.silhouettes.hull import Silhouettes
@@ -13,6 +19,7 @@ from posegaussian.stages.silhouettes.places import agreed
 from posegaussian.stages.splatting.definition.scene import Camera
 from posegaussian.storage.model.cameras import Rig
 from tests.support.known_geometry import ring, sphere_mask
+from tests.support.memory_inputs import MemoryInputs
 
 CENTRE, RADIUS = np.array([0.1, -0.05, 0.1]), 0.5
 
@@ -143,3 +150,27 @@ def test_clipping_with_a_margin_takes_what_lies_beyond_wider_masks_alone(lit: fl
     np.testing.assert_allclose(color, np.repeat(alpha[..., None] / 2, 3, axis=2), atol=1e-6)
     untouched = retouched(grey, everywhere, silhouettes, camera, lit, None, None)[1]
     np.testing.assert_array_equal(untouched, everywhere)
+
+
+def test_estimated_masks_clip_at_the_same_share_of_every_camera_s_picture() -> None:
+    """Whatever the pictures of other cameras are: those of two are half as large."""
+    rig = ring(4, (96, 96), 90.0)
+    rig.intrinsics[2:, :2] /= 2
+    rig.size[2:] //= 2
+    masks = np.stack([np.pad(m, (0, 96 - len(m))) for m in (sphere_mask(rig, v, CENTRE, RADIUS) for v in range(4))])
+    params = RenderingParams()
+    inputs: Any = MemoryInputs(
+        stage("rendering"),
+        params,
+        {"frames/mask": masks[None]},
+        rig,
+        Views(rig.names, tuple(range(4)), ()),
+        range(1),
+        1,
+        effects=frozenset({"silhouette_clipping"}),
+    )
+    bounds = FrameRenderer(MapReader(inputs), 0, params).bounds
+    assert bounds is not None
+    wider = agreed(rig, dict(enumerate(masks))).distance - bounds.distance
+    for v, longest in enumerate((96, 96, 48, 48)):
+        np.testing.assert_allclose(wider[v, :longest, :longest], UNSURE * longest, rtol=1e-3)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -73,6 +74,34 @@ def test_cameras_that_are_turned_are_turned_back(
     assert np.abs(off[:, :2]).max() < 1.0
     assert np.abs(off[:, 2]).max() < 5.0
     assert (told.apart[list(px)] > 0).all()
+
+
+def resized(rig: Rig, views: list[int], by: float) -> Rig:
+    """The same with pictures of some cameras so many times as large."""
+    intrinsics, size = rig.intrinsics.copy(), rig.size.copy()
+    intrinsics[views] = np.diag([by, by, 1.0]) @ intrinsics[views]
+    size[views] = (size[views] * by).astype(int)
+    return replace(rig, intrinsics=intrinsics, size=size)
+
+
+def test_a_contradiction_is_as_large_whether_small_or_large_pictures_see_it(person: PersonCapture) -> None:
+    """In px of the largest pictures; smaller ones lie at the top left of arrays as large."""
+    rig, _ = written(person, {2: (0.0, 6.0, 0.0)})
+    masks, others = masks_of(person), [0, 1, 3, 4, 5, 6, 7]
+    alike = Outlined.of(rig, masks).excess(rig, 2).mean()
+    rig, half = resized(rig, others, 0.5), (SIZE // 2, SIZE // 2)
+    for v in others:
+        masks[v] = np.pad(cv2.resize(masks[v], half, interpolation=cv2.INTER_AREA), (0, SIZE // 2))
+    assert Outlined.of(rig, masks).excess(rig, 2).mean() == pytest.approx(alike, rel=0.15)
+
+
+def test_a_camera_with_larger_pictures_in_which_nobody_is_seen_changes_nothing(person: PersonCapture) -> None:
+    rig, _ = written(person, {2: (0.0, 6.0, 0.0)})
+    masks = {v: m for v, m in masks_of(person).items() if v % 2 == 0}
+    alike, larger = found(rig, masks), found(resized(rig, [1], 4.0), masks)
+    assert alike.turns.any()
+    np.testing.assert_array_equal(larger.turns, alike.turns)
+    np.testing.assert_allclose(larger.apart, 4 * alike.apart)
 
 
 def test_the_order_of_the_cameras_is_indifferent(person: PersonCapture) -> None:
