@@ -36,6 +36,12 @@ class Presence:
         """A run comes. Raises NotWritten."""
         return cls(Lease.take(folder(sequence) / f"{terms.run}{SUFFIX}", terms.run, "driver", terms.lease))
 
+    def __enter__(self) -> Presence:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.drop()
+
     def drop(self) -> None:
         """The run leaves."""
         self.lease.file.with_suffix(COUNTED_ON).unlink(missing_ok=True)

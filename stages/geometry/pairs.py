@@ -187,16 +187,22 @@ def _inside(pixels: np.ndarray, depth: np.ndarray, size: np.ndarray) -> np.ndarr
     return (depth > 0) & (pixels >= 0).all(axis=-1) & (pixels <= size).all(axis=-1)
 
 
-def pair_report(rig: Rig, views: Sequence[int] | None = None, max_angle: float = MAX_ANGLE) -> list[PairReport]:
-    """The verdict on every pair of the given views (default: all), in the order of the views."""
-    return list(_reports(rig, tuple(range(len(rig)) if views is None else views), max_angle))
+def pair_report(
+    rig: Rig,
+    views: Sequence[int] | None = None,
+    max_angle: float = MAX_ANGLE,
+    believed: Sequence[int] | None = None,
+) -> list[PairReport]:
+    """The verdict on every pair of the given views (default: all), in the order of the views. Where the subject is the
+    `believed` ones say (default: these views), and no camera that is held out or contradicts the others."""
+    pairs_of = tuple(range(len(rig)) if views is None else views)
+    return list(_reports(rig, pairs_of, max_angle, pairs_of if believed is None else tuple(believed)))
 
 
 @lru_cache(maxsize=16)
-def _reports(rig: Rig, views: tuple[int, ...], max_angle: float) -> tuple[PairReport, ...]:
-    """A plan asks for the same pairs more than once: for its notes, the default path and the depth. Where the subject
-    is these views say, and no camera that is held out or not believed."""
-    seen = rig.subset(views)
+def _reports(rig: Rig, views: tuple[int, ...], max_angle: float, believed: tuple[int, ...]) -> tuple[PairReport, ...]:
+    """A plan asks for the same pairs more than once: for its notes, the default path and the depth."""
+    seen = rig.subset(believed)
     subject, up = look_at_point(seen), up_direction(seen)
     return tuple(classify(rig, a, b, max_angle, subject, up) for a, b in combinations(views, 2))
 

@@ -69,7 +69,7 @@ class Planned:
     @cached_property
     def reports(self) -> list[PairReport]:
         """The verdict on every pair of the footage, views counted as in the rig."""
-        return pair_report(self.rig, self.active, self.depth.max_angle)
+        return pair_report(self.rig, self.active, self.depth.max_angle, self.sources or None)
 
     @cached_property
     def source_reports(self) -> list[PairReport]:
