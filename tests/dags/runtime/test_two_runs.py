@@ -206,15 +206,21 @@ def test_a_run_says_at_its_start_who_else_is_at_work(archive: Pipeline) -> None:
     assert "is at work here, too; what it holds is waited for" in said
 
 
-def test_two_runs_at_once_share_the_work_and_end_with_the_bytes_of_one(finished: Pipeline, tmp_path: Path) -> None:
-    pipeline = Pipeline(tmp_path / "archive", finished.folder)
-    pipeline.register()
+def started(pipeline: Pipeline, trace: str) -> subprocess.Popen:
+    """A run as a process of its own that has left a trace among the sequence's receipts."""
     other = pipeline.start(stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     deadline = time.monotonic() + 100
-    while not list((pipeline.root / NAME / "_receipts").rglob("*.json")):
+    while not list((pipeline.root / NAME / "_receipts").rglob(trace)):
         assert other.poll() is None, other.communicate()[0]
         assert time.monotonic() < deadline
         time.sleep(0.01)
+    return other
+
+
+def test_two_runs_at_once_share_the_work_and_end_with_the_bytes_of_one(finished: Pipeline, tmp_path: Path) -> None:
+    pipeline = Pipeline(tmp_path / "archive", finished.folder)
+    pipeline.register()
+    other = started(pipeline, "*.json")
     mine = pipeline.run()
     said = other.communicate(timeout=200)[0]
     assert other.returncode == 0, said
@@ -315,12 +321,7 @@ def test_arrays_are_not_replaced_under_another_run(
 def test_two_runs_of_settings_for_which_arrays_are_replaced_share_the_work(archive: Pipeline) -> None:
     """Each counts on the arrays that the other one makes."""
     smaller = archive.with_settings("frames.size=32")
-    other = smaller.start(stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
-    deadline = time.monotonic() + 100
-    while not list(folder(archive.context().sequence).glob("*.lease")):
-        assert other.poll() is None, other.communicate()[0]
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    other = started(smaller, "_runs/*.lease")
     mine = smaller.run()
     said = other.communicate(timeout=200)[0]
     assert other.returncode == 0, said
