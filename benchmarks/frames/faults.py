@@ -155,6 +155,7 @@ FAULTS = {
     "tone": Fault("gamma of 0.8 to 1.25", image=lambda a, _v, random: 255 * (a / 255) ** random.uniform(0.8, 1.25)),
     "vignetting": Fault("corners darker by half", image=_vignetted),
     "black": Fault("one camera's pictures are black", image=only(4)(lambda a, _v, _r: 0 * a)),
+    "white": Fault("one camera's pictures are white", image=only(4)(lambda a, _v, _r: 0 * a + 255)),
     "wide": Fault("masks 3 px too wide", mask=lambda m, _v, _r: cv2.dilate(m, np.ones((7, 7)))),
     "narrow": Fault("masks 2 px too narrow", mask=lambda m, _v, _r: cv2.erode(m, np.ones((5, 5)))),
     "coarse": Fault("masks of a quarter of the size", mask=_coarse),

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from posegaussian.stages.contract.facts import ESTIMATED, JOINTS2D
-from posegaussian.stages.contract.io import Views
+from posegaussian.stages.contract.io import Inputs, Views
 from posegaussian.stages.contract.trust import CameraVerdict, judged_cameras
 from posegaussian.stages.imaging.camera_mapping import frames_rig
 from posegaussian.stages.inspection.finding import Finding, FindingVerdict, unmeasured
@@ -16,12 +16,15 @@ from posegaussian.stages.inspection.footage import Footage, inputs_of, shared_nu
 from posegaussian.stages.inspection.planned import Planned
 from posegaussian.stages.survey.algorithms.agreement import agreement_of_view
 from posegaussian.stages.survey.algorithms.links import in_common
-from posegaussian.stages.survey.algorithms.sample import sample_numbers
+from posegaussian.stages.survey.algorithms.sample import look, sample_numbers
 from posegaussian.stages.survey.algorithms.standing import AsTheyStand, standing_in
 from posegaussian.stages.survey.algorithms.standing import told as standing_told
 from posegaussian.stages.survey.measures.agreement import NAME as AGREEMENT
+from posegaussian.stages.survey.measures.contrast import CONTRAST, ContrastLook
+from posegaussian.stages.survey.measures.declaration import Sampled
 from posegaussian.stages.survey.measures.standing import STANDING
-from posegaussian.stages.survey.params import LONGEST
+from posegaussian.stages.survey.params import LONGEST, SurveyParams
+from posegaussian.stages.survey.run import FEW
 from posegaussian.stages.survey.trust import TRUST
 
 MEASURE = "agreement"
@@ -30,6 +33,12 @@ MEASURE = "agreement"
 ADVICE = (
     "calibrate it again, or check that its pictures, masks and timing are of this recording; until then a run leaves it"
     " out by itself (views.trust: all believes every camera)"
+)
+
+
+ADVICE_BLANK = (
+    "look at its pictures: a cap on the lens, a lamp in it, a recording that failed; until then a run leaves it out by"
+    " itself (views.trust: all believes every camera)"
 )
 
 
@@ -61,12 +70,25 @@ def camera_verdicts(footage: Footage, planned: Planned) -> dict[str, CameraVerdi
     stand = AsTheyStand(inputs, standing_in(inputs, numbers))
     told = [agreement_of_view(stand, v, numbers, in_common(stand, v, numbers)) for v in sources]
     pairs, standing = np.stack([of_view[sources] for of_view in told]), standing_told(stand.standing, stand)[sources]
-    return judged_cameras(TRUST, names, planned.trust, {AGREEMENT: pairs, STANDING: standing})
+    contrast = np.array([_contrast(footage, inputs, v, planned.sample) for v in sources])
+    return judged_cameras(TRUST, names, planned.trust, {AGREEMENT: pairs, STANDING: standing, CONTRAST: contrast})
+
+
+def _contrast(footage: Footage, inputs: Inputs, view: int, sample: int) -> float:
+    """As the survey has it, of the same frames."""
+    numbers = footage.numbers[view]
+    chosen = sample_numbers(numbers, sample)
+    sampled = Sampled(inputs, SurveyParams(sample=sample), view, numbers, chosen, sample_numbers(chosen, FEW))
+    (block,) = look(inputs, view, [ContrastLook(sampled)])
+    return float(block.data)
 
 
 def _of_camera(verdict: CameraVerdict) -> Finding:
     belief, names = verdict.belief, (verdict.camera,)
     assert belief is not None, f"camera {verdict.camera} was compared"
+    if belief.measured is None and not belief.believed:
+        sentence, none = belief.reason, (TRUST.unit, TRUST.bound, TRUST.bound)
+        return Finding(MEASURE, names, None, *none, sentence, ADVICE_BLANK, FindingVerdict.LEFT_OUT)
     if belief.measured is None:
         return unmeasured(MEASURE, names, TRUST.unit, TRUST.bound, TRUST.bound, belief.reason)
     told, advice, found = belief.reason, "", FindingVerdict.GOOD

@@ -1,5 +1,5 @@
-"""Which cameras contradict the others: by silhouettes or joints, which say how they stand, and then by lines, where
-every pair has a vote, and the larger party is believed.
+"""Which cameras show nothing, and which contradict the others: by silhouettes or joints, which say how they stand, and
+then by lines, where every pair has a vote, and the larger party is believed.
 
 A wrong camera contradicts most of those it is compared with, and each of these contradicts only the wrong ones, so that
 cameras fall into parties; the larger one is believed, and whoever more than half of it contradicts is not. Wrong
@@ -16,6 +16,7 @@ import numpy as np
 from posegaussian.stages.contract.trust import KINDS, Belief, Told, Trust
 from posegaussian.stages.imaging.small_turns import APART, SIDE, turned
 from posegaussian.stages.survey.measures.agreement import NAME
+from posegaussian.stages.survey.measures.contrast import CONTRAST
 from posegaussian.stages.survey.measures.standing import STANDING
 
 BOUNDS = {"features": 0.003, "outlines": 0.003, "joints": 0.016}
@@ -34,14 +35,17 @@ MAJORITY = 0.5
 """Share of the believed cameras it can be compared with that must contradict a camera, at least."""
 ACCUSERS = 2
 """Believed cameras, at least, that must contradict it."""
+NOTHING, SOMETHING = 12.0, 48.0
+"""Brightness, of 255, within which pictures vary that show nothing, and by which those of the others must. Black ones
+of a camera with noise vary by 2, people in one plain cloth by 50 to 200."""
 BY_SILHOUETTES, BY_JOINTS = ("silhouette lies", "what the others leave"), ("joints lie", "those of the others")
 """What of a camera that is turned lies beside what."""
 WORDS = {"features": "matched features", "outlines": "outlines of masks", "joints": "joints"}
 
 
 def believed(names: tuple[str, ...], noted: Mapping[str, np.ndarray]) -> tuple[Belief, ...]:
-    """What the pairs' agreement [S, S, 3, 2], each pair in either order, and the cameras' standing [S, 5] say of each
-    of S cameras."""
+    """What the pairs' agreement [S, S, 3, 2], each pair in either order, the cameras' standing [S, 5] and the contrast
+    of their pictures [S] say of each of S cameras."""
     one_way = np.asarray(noted[NAME], dtype=np.float64)
     pairs = np.maximum(one_way, np.swapaxes(one_way, 0, 1))
     votes = _votes(pairs)
@@ -49,10 +53,12 @@ def believed(names: tuple[str, ...], noted: Mapping[str, np.ndarray]) -> tuple[B
     found = [_belief(v, pairs, votes, kept) for v in range(len(names))]
     standing = np.asarray(noted[STANDING], np.float64)
     exchanged = [n for n, row in zip(names, standing, strict=True) if row[-1] == Told.EXCHANGED]
-    return tuple(
+    stand = [
         _stands(b, row, [n for n in exchanged if n != name])
         for name, b, row in zip(names, found, standing, strict=True)
-    )
+    ]
+    blank = _blank(np.asarray(noted[CONTRAST], np.float64))
+    return tuple(blank.get(v, belief) for v, belief in enumerate(stand))
 
 
 def outlines_agree(pairs: np.ndarray) -> tuple[float | None, int]:
@@ -73,6 +79,20 @@ def _votes(pairs: np.ndarray) -> np.ndarray:
         score += WEIGHTS[kind] * said[kind]
     of_the_subject = (said["outlines"] < 0) & (said["joints"] < 0)
     return np.where((score < 0) | of_the_subject, -1, np.sign(score))
+
+
+def _blank(contrast: np.ndarray) -> dict[int, Belief]:
+    """The verdict on cameras whose pictures show nothing, by number: fewer than half of them, where the others show
+    something; contrast [S] is negative where it is not known."""
+    known = contrast >= 0
+    nothing = known & (contrast < NOTHING)
+    others = contrast[known & ~nothing]
+    if 2 * nothing.sum() >= len(contrast) or not len(others) or np.median(others) < SOMETHING:
+        return {}
+    reason = (
+        "its pictures show nothing: the subject varies in brightness by {:.1f} of 255, of the other cameras by {:.0f}"
+    )
+    return {int(v): Belief(False, None, reason.format(contrast[v], np.median(others))) for v in np.flatnonzero(nothing)}
 
 
 def _stands(belief: Belief, standing: np.ndarray, exchanged: list[str]) -> Belief:
@@ -144,4 +164,11 @@ def _belief(view: int, pairs: np.ndarray, votes: np.ndarray, kept: set[int]) -> 
     return Belief(view in kept, measured, told + lines)
 
 
-TRUST = Trust(asks=(NAME, STANDING), bound=100 * BOUNDS["features"], unit="%", fewest=3, decide=believed, stand=turned)
+TRUST = Trust(
+    asks=(NAME, STANDING, CONTRAST),
+    bound=100 * BOUNDS["features"],
+    unit="%",
+    fewest=3,
+    decide=believed,
+    stand=turned,
+)

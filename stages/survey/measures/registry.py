@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from posegaussian.stages.survey.measures.agreement import MEASURE as AGREEMENT
+from posegaussian.stages.survey.measures.contrast import MEASURE as CONTRAST
 from posegaussian.stages.survey.measures.declaration import Measure
 from posegaussian.stages.survey.measures.joint_fit import MEASURE as JOINT_FIT
 from posegaussian.stages.survey.measures.joint_scores import MEASURE as JOINT_SCORES
@@ -18,6 +19,7 @@ from posegaussian.stages.survey.measures.unrest import MEASURE as UNREST
 MEASURES: tuple[Measure, ...] = (
     STANDING,
     AGREEMENT,
+    CONTRAST,
     PLATE,
     SURFACE,
     OUTLINES,

@@ -6,6 +6,7 @@ import numpy as np
 
 from posegaussian.stages.contract.trust import CameraVerdict, Told, asks, judged_cameras
 from posegaussian.stages.survey.measures.agreement import NAME
+from posegaussian.stages.survey.measures.contrast import CONTRAST, UNKNOWN
 from posegaussian.stages.survey.measures.standing import STANDING
 from posegaussian.stages.survey.trust import TRUST
 
@@ -31,9 +32,12 @@ def parties(count: int, wrong: set[int], kind: int = OUTLINES) -> np.ndarray:
     return pairs
 
 
-def judged(pairs: np.ndarray, standing: np.ndarray, setting: object = "auto") -> list[CameraVerdict]:
+def judged(
+    pairs: np.ndarray, standing: np.ndarray, setting: object = "auto", contrast: np.ndarray | None = None
+) -> list[CameraVerdict]:
     names = tuple(f"c{i}" for i in range(len(pairs)))
-    found = judged_cameras(TRUST, names, setting, {NAME: pairs, STANDING: standing})  # type: ignore[arg-type]
+    noted = {NAME: pairs, STANDING: standing, CONTRAST: np.full(len(pairs), 100.0) if contrast is None else contrast}
+    found = judged_cameras(TRUST, names, setting, noted)  # type: ignore[arg-type]
     return [found[n] for n in names]
 
 
@@ -133,3 +137,21 @@ def test_the_survey_is_asked_only_where_it_has_a_say() -> None:
     assert left_out(parties(8, {2}), "all") == set()
     assert left_out(parties(8, {2}), ["c2"]) == set()
     assert left_out(parties(8, {2}), ["c1"]) == {2}
+
+
+def test_a_camera_whose_pictures_show_nothing_is_left_out_where_the_others_show_something() -> None:
+    """However well its lines agree; dull pictures of all cameras accuse nobody, nor does an empty mask."""
+
+    def blank(*contrast: float) -> list[int]:
+        found = judged(parties(len(contrast), set()), np.zeros((len(contrast), 5)), contrast=np.array(contrast))
+        return [i for i, verdict in enumerate(found) if verdict.state == "left out"]
+
+    assert blank(100, 0, 90, 80, 120, 70) == [1]
+    assert blank(100, 11, 90, 1, 120) == [1, 3]
+    assert blank(100, 13, 90, 80, 120, 70) == []
+    assert blank(20, 0, 30, 25, 22, 21) == []
+    assert blank(100, 0, 0, 90) == []
+    assert blank(100, UNKNOWN, 90, 80) == []
+    sentence = judged(parties(4, set()), np.zeros((4, 5)), contrast=np.array([100.0, 0, 90, 80]))[1].sentence
+    assert "show nothing" in sentence
+    assert "0.0 of 255, of the other cameras by 90" in sentence
