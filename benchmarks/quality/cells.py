@@ -17,7 +17,12 @@ from benchmarks.quality.light import fitted
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.simulation.simulated_run import depths, film_capture, held_out_setting, run_capture
 from posegaussian.stages.depth.params import resolve_method
-from posegaussian.stages.geometry.consistency import photometric_disagreement, reprojection_residual, silhouette_offset
+from posegaussian.stages.geometry.consistency import (
+    change_across,
+    photometric_disagreement,
+    reprojection_residual,
+    typical_offset,
+)
 from posegaussian.stages.metrics.run import measure
 from posegaussian.stages.network.choice import weights_choice
 from posegaussian.stages.network.params import depth_array
@@ -163,12 +168,12 @@ def _agreement(results: Results, cell: Cell) -> dict[str, float]:
         for i in frames
         for a, b in ((k, (k + 1) % len(sources)) for k in range(len(sources)))
     ]
-    outlines = [silhouette_offset(seen[i, v], masks[i, v]) for i in frames for v in range(len(sources))]
+    outlines = [change_across(seen[i, v], masks[i, v]) for i in frames for v in range(len(sources))]
     decision = context.effects["outline_correction"].decision
     given = decision.measured if decision is not None and decision.measured is not None else float("nan")
     return {
         "given outline px": given,
         "joints px": float(np.median(np.concatenate(residuals))),
         "photo": float(np.concatenate(apart).mean()),
-        "outline px": float(np.median(np.concatenate(outlines))),
+        "outline px": typical_offset(np.concatenate(outlines)),
     }

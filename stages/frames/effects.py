@@ -187,9 +187,10 @@ OUTLINE_CORRECTION = Effect(
     facts.OUTLINE_CORRECTION,
     "Move the outlines of a source view's given masks to where its pictures have their edges.",
     "largest distance between outlines and edges",
-    # Exact masks measure up to 0.34 px off at 512 px and 0.53 at 128 to 256, as an edge is dimmer than its middle; a px
-    # off costs 1 to 3 dB, and to correct an exact one by 0.54 px cost 0.25.
-    0.6,
+    # Exact masks of 12 people measure up to 0.13 px off at 512 px and 0.15 at 192, of a person 130 px tall in a
+    # chequered shirt 0.73; masks that are a px too wide 1.12 to 1.76. Those of a head that were drawn by hand lie up to
+    # 0.81 inside: pictures whose outlines are moved there lose 0.9 dB against photographs that are cut out likewise.
+    1.0,
     "px",
     _outlines,
     asks=(OUTLINES,),

@@ -13,6 +13,10 @@ SAME_SURFACE = 0.01
 """Relative difference of two depths up to which two views see the same point."""
 REACH = 4
 """Px to both sides of an outline in which the picture's own edge is looked for."""
+STEPS = np.arange(-REACH, REACH + 0.25, 0.5, dtype=np.float32)
+"""Px from the outline, outwards, at which the picture is looked up."""
+OFFSETS = -(STEPS[1:] + STEPS[:-1]) / 2
+"""By how much the outline lies outside an edge that is between two of these."""
 CLEAR = 0.7
 """Share of REACH by which the ends of a profile must be inside and outside."""
 EDGE = 12.0
@@ -63,16 +67,31 @@ def photometric_disagreement(
     return np.abs(there[same] - colors[0][surface][same].astype(np.float32)).mean(axis=1)
 
 
-def silhouette_offset(color: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Signed distances [n] in px by which a mask's outline lies outside (+) or inside (-) the picture's own edge.
+def typical_offset(change: np.ndarray) -> float:
+    """Px by which an outline lies outside (+) or inside (-) the picture's own edge, of `change_across` [n, K], n > 0:
+    where its points have most of their change together.
+
+    Cloth changes, too, and a wall mostly does not, so that the mean position of a point's change lies inside the
+    subject: of exact masks by 0.2 px of a person 450 px tall, and by 1.3 of one 130 px tall in a chequered shirt. But
+    it changes at another place at every point, and the edge is at the same one: the mean position of what changes
+    there, and half a px to both sides.
+    """
+    mean = change.mean(axis=0)
+    top = int(mean.argmax())
+    there = slice(max(top - 1, 0), top + 2)
+    return float(mean[there] @ OFFSETS[there] / mean[there].sum())
+
+
+def change_across(color: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """How much of the colour's change across a mask's outline is where, [n, K] float32, each of n points' summing to 1;
+    the K places are OFFSETS.
 
     Args:
         color: [h, w, 3] uint8.
         mask: [h, w] uint8, the outline is where it crosses 127.5.
 
-    Along the outline's normal, within REACH px, the edge is the mean position of the colour's change; where the colour
-    changes by less than EDGE there is no edge and no value, and none where the subject or the gap beside it is narrower
-    than that.
+    Along the outline's normal, within REACH px. Where the colour changes by less than EDGE there is no edge and no
+    value, and none where the subject or the gap beside it is narrower than that.
     """
     inside = foreground(mask)
     # Signed distance to the outline, at pixel centres: positive outside.
@@ -86,19 +105,16 @@ def silhouette_offset(color: np.ndarray, mask: np.ndarray) -> np.ndarray:
     )
     rows, columns = np.nonzero(inside & (distance > -1))
     normal = slope[rows, columns] / np.maximum(np.linalg.norm(slope[rows, columns], axis=1, keepdims=True), 1e-6)
-    steps = np.arange(-REACH, REACH + 0.25, 0.5, dtype=np.float32)
     # The pixels found lie half a pixel inside the outline.
     start = np.stack([columns, rows], axis=1).astype(np.float32) - distance[rows, columns][:, None] * normal
     # Thin limbs and narrow gaps have a second edge within reach, which would be taken for a part of the first.
     ends = [_sample(smooth, start + side * REACH * normal, cv2.INTER_LINEAR) for side in (-1, 1)]
     clear = (ends[0] <= -CLEAR * REACH) & (ends[1] >= CLEAR * REACH)
-    at = start[clear][:, None] + steps[None, :, None] * normal[clear][:, None]
+    at = start[clear][:, None] + STEPS[None, :, None] * normal[clear][:, None]
     profile = _sample(color, at.reshape(-1, 2), cv2.INTER_LINEAR).reshape(*at.shape[:2], 3)
     change = np.linalg.norm(np.diff(profile, axis=1), axis=2) ** 2
-    total = change.sum(axis=1)
     there = np.sqrt(change.max(axis=1)) >= EDGE
-    middle = (steps[1:] + steps[:-1]) / 2
-    return -(change[there] @ middle) / total[there]
+    return np.asarray(change[there] / change[there].sum(axis=1, keepdims=True))
 
 
 def _sample(picture: np.ndarray, points: np.ndarray, interpolation: int) -> np.ndarray:

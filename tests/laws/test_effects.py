@@ -340,7 +340,7 @@ def test_off_is_bit_identical_to_absent(tmp_path: Path, monkeypatch: pytest.Monk
         ("calibration_correction", "posegaussian.stages.survey.algorithms.agreement.links_of_view"),
         ("exposure_matching", "posegaussian.stages.frames.run.gain_table"),
         ("exposure_matching", "posegaussian.stages.survey.algorithms.surface.SurfaceLook"),
-        ("outline_correction", "posegaussian.stages.survey.algorithms.outlines.outline_offsets"),
+        ("outline_correction", "posegaussian.stages.survey.algorithms.outlines.change_at_outline"),
         ("pose_heatmaps", "posegaussian.stages.pose.run.draw"),
         ("temporal_smoothing", "posegaussian.stages.smoothing.run.blend"),
         ("left_right_check", "posegaussian.stages.depth.algorithms.rows.disagreement"),

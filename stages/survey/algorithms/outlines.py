@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from posegaussian.stages.geometry.consistency import REACH, silhouette_offset
+from posegaussian.stages.geometry.consistency import OFFSETS, REACH, change_across, typical_offset
 from posegaussian.storage.model.masks import foreground
 
 BESIDE = round(REACH) + 8
@@ -14,24 +14,24 @@ BESIDE = round(REACH) + 8
 outline's direction."""
 
 
-def outline_offsets(picture: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """[n] captured px by which the outline of a mask [h, w] lies outside (+) the edge of its picture [h, w, 3] uint8;
-    none where sizes differ.
+def change_at_outline(picture: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """`consistency.change_across` [n, K] of a picture [h, w, 3] uint8 and its mask [h, w]; none where sizes differ.
 
     At full resolution, in the part around the subject alone: the distances are the whole picture's.
     """
     rows, columns = (np.flatnonzero(foreground(mask).any(axis=axis)) for axis in (1, 0))
     if picture.shape[:2] != mask.shape or not len(rows):
-        return np.zeros(0)
+        return np.zeros((0, len(OFFSETS)), np.float32)
     part = tuple(slice(max(0, int(at[0]) - BESIDE), int(at[-1]) + BESIDE + 1) for at in (rows, columns))
-    return silhouette_offset(np.ascontiguousarray(picture[part]), np.ascontiguousarray(mask[part]))
+    return change_across(np.ascontiguousarray(picture[part]), np.ascontiguousarray(mask[part]))
 
 
-def typical_offset(found: Sequence[np.ndarray]) -> np.ndarray:
-    """[3]: median of the offsets of some frames and their interquartile range, captured px, and how many points
-    tell; 0 throughout where none does."""
-    offsets = np.concatenate([*found, np.zeros(0)])
-    if not len(offsets):
+def outline_offset(found: Sequence[np.ndarray]) -> np.ndarray:
+    """[3]: captured px by which the outlines of some frames lie outside (+) their pictures' edges, the interquartile
+    range of that from point to point, and how many points tell; 0 throughout where none does. Of what `found` of each,
+    [n, K]."""
+    change = np.concatenate([*found, np.zeros((0, len(OFFSETS)), np.float32)])
+    if not len(change):
         return np.zeros(3)
-    low, median, high = np.percentile(offsets, [25, 50, 75])
-    return np.array([median, high - low, len(offsets)])
+    low, high = np.percentile(change @ OFFSETS, [25, 75])
+    return np.array([typical_offset(change), high - low, len(change)])

@@ -15,25 +15,25 @@ NAME = "survey/outlines"
 
 
 class OutlinesLook(Look):
-    """[3] of one view: `outlines.typical_offset`; zeros of a view that is no source."""
+    """[3] of one view: `outlines.outline_offset`; zeros of a view that is no source."""
 
     def __init__(self, s: Sampled) -> None:
         """Of a few frames."""
         self.numbers, self._masks, self._view = s.if_source(s.few), s.inputs.source("masks"), s.view
-        self._offsets: list[np.ndarray] = []
+        self._found: list[np.ndarray] = []
 
     def see(self, number: int, picture: np.ndarray, shown: np.ndarray) -> None:
-        """Offsets along the outline in one frame."""
-        from posegaussian.stages.survey.algorithms.outlines import outline_offsets
+        """Where pictures change along the outline in one frame."""
+        from posegaussian.stages.survey.algorithms.outlines import change_at_outline
 
         (mask,) = self._masks.read(self._view, [number])
-        self._offsets.append(outline_offsets(shown, mask))
+        self._found.append(change_at_outline(shown, mask))
 
     def blocks(self) -> Iterator[Block]:
-        """Their median and spread."""
-        from posegaussian.stages.survey.algorithms.outlines import typical_offset
+        """By how much the outline is off, and how surely."""
+        from posegaussian.stages.survey.algorithms.outlines import outline_offset
 
-        yield Block(NAME, typical_offset(self._offsets), self._view)
+        yield Block(NAME, outline_offset(self._found), self._view)
 
 
 MEASURE = Measure(
@@ -43,8 +43,8 @@ MEASURE = Measure(
             ("view", "outline"),
             "float64",
             "px",
-            "How far the outline of a view's masks lies outside the pictures' own edges, median and interquartile range"
-            " in captured pixels, and how many points of 5 frames tell.",
+            "How far the outline of a view's masks lies outside the pictures' own edges, and how far that scatters from"
+            " point to point (interquartile range), in captured pixels, and how many points of 5 frames tell.",
             when=NAME,
             noted=True,
         ),

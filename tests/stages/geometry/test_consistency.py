@@ -2,7 +2,13 @@ import cv2
 import numpy as np
 import pytest
 
-from posegaussian.stages.geometry.consistency import photometric_disagreement, reprojection_residual, silhouette_offset
+from posegaussian.stages.geometry.consistency import (
+    OFFSETS,
+    change_across,
+    photometric_disagreement,
+    reprojection_residual,
+    typical_offset,
+)
 from posegaussian.stages.geometry.projection import project, unproject
 from posegaussian.storage.model.cameras import Rig
 from tests.support.known_geometry import ring, sphere_depth
@@ -73,11 +79,31 @@ def test_an_outline_tells_how_far_it_lies_from_the_edge(grown: int) -> None:
     cv2.circle(big, (480, 500), 320 + grown * scale, 255, -1)
     mask = cv2.resize(big, (size, size), interpolation=cv2.INTER_AREA)
     # The distance transform knows outlines to a fraction of a pixel.
-    assert np.median(silhouette_offset(color, mask)) == pytest.approx(grown, abs=0.25)
+    assert typical_offset(change_across(color, mask)) == pytest.approx(grown, abs=0.25)
+
+
+@pytest.mark.parametrize("grown", [-1, 0, 1])
+def test_a_pattern_of_the_cloth_moves_no_outline(grown: int) -> None:
+    """Squares of 4 px, half as strong as the edge, before a plain wall: at many points some of the change is theirs,
+    all points together have the edge where it is."""
+    size, scale = 160, 8
+    at = np.indices((size, size)) // 4
+    cloth = np.where((at.sum(axis=0) % 2 == 0)[..., None], [200, 120, 60], [160, 150, 90])
+    big = np.zeros((size * scale, size * scale), np.uint8)
+    cv2.ellipse(big, (640, 660), (260, 480), 20, 0, 360, 255, -1)
+    exact = cv2.resize(big, (size, size), interpolation=cv2.INTER_AREA)[..., None] / 255
+    color = np.rint(exact * cloth + (1 - exact) * np.array([90, 70, 110])).astype(np.uint8)
+    big[:] = 0
+    cv2.ellipse(big, (640, 660), (260 + grown * scale, 480 + grown * scale), 20, 0, 360, 255, -1)
+    change = change_across(color, cv2.resize(big, (size, size), interpolation=cv2.INTER_AREA))
+    # Steps of half a px are interpolated; the mask knows its outline to a fraction of a px.
+    assert typical_offset(change) == pytest.approx(grown, abs=0.15)
+    if grown < 1:
+        assert abs(typical_offset(change) - grown) < abs(np.median(change @ OFFSETS) - grown) / 2
 
 
 def test_without_an_edge_there_is_nothing_to_say() -> None:
     mask = np.zeros((64, 64), np.uint8)
     mask[20:40, 20:40] = 255
-    assert len(silhouette_offset(np.full((64, 64, 3), 90, np.uint8), mask)) == 0
-    assert len(silhouette_offset(np.full((64, 64, 3), 90, np.uint8), np.zeros((64, 64), np.uint8))) == 0
+    assert len(change_across(np.full((64, 64, 3), 90, np.uint8), mask)) == 0
+    assert len(change_across(np.full((64, 64, 3), 90, np.uint8), np.zeros((64, 64), np.uint8))) == 0

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
-from posegaussian.stages.geometry.consistency import silhouette_offset
+from posegaussian.stages.geometry.consistency import OFFSETS, change_across
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
-from posegaussian.stages.survey.algorithms.outlines import outline_offsets
+from posegaussian.stages.survey.algorithms.outlines import change_at_outline
 from posegaussian.stages.survey.algorithms.sample import FEWEST, sample_numbers, worked_numbers
 from posegaussian.stages.survey.params import SurveyParams
 from posegaussian.stages.survey.run import FEW, run
@@ -106,8 +106,10 @@ def test_offsets_in_the_part_around_the_subject_are_those_of_the_whole_picture()
     picture, mask = np.full((300, 260, 3), 40, np.uint8), np.zeros((300, 260), np.uint8)
     cv2.ellipse(picture, (110, 140), (30, 50), 0, 0, 360, (200, 150, 90), -1)
     cv2.ellipse(mask, (110, 140), (32, 52), 0, 0, 360, 255, -1)
-    expected = silhouette_offset(picture, mask)
+    expected = change_across(picture, mask)
     assert len(expected) > 20
-    np.testing.assert_allclose(np.sort(outline_offsets(picture, mask)), np.sort(expected), atol=1e-4)
-    assert not len(outline_offsets(picture, np.zeros_like(mask)))
-    assert not len(outline_offsets(picture, mask[1:]))
+    np.testing.assert_allclose(
+        np.sort(change_at_outline(picture, mask) @ OFFSETS), np.sort(expected @ OFFSETS), atol=1e-4
+    )
+    assert not len(change_at_outline(picture, np.zeros_like(mask)))
+    assert not len(change_at_outline(picture, mask[1:]))
