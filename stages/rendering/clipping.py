@@ -123,7 +123,8 @@ class Fillable(NamedTuple):
         """Of alpha [h, w] of a picture whose `longer` side is so many px."""
         solid = alpha > 0.5
         hole = _holes(solid, longer)
-        inside = cv2.erode((solid | hole).astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0) > 0
+        # What is solid at the picture's border goes on beyond it.
+        inside = cv2.erode((solid | hole).astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=1) > 0
         return cls(hole, inside & solid)
 
     @property

@@ -50,6 +50,7 @@ from posegaussian.stages.splatting.definition.scene import Camera, Cutoffs, Draw
 from posegaussian.stages.splatting.device import device
 from posegaussian.stages.splatting.rasterizer import rasterize
 from posegaussian.storage.model.joint_sets import to_set
+from posegaussian.storage.model.masks import foreground
 
 Picture: TypeAlias = tuple[torch.Tensor, torch.Tensor]
 """Colour [h, w, 3] premultiplied on black, and alpha [h, w]."""
@@ -130,8 +131,9 @@ class FrameRenderer:
         self.reader, self.i, self.params, self.rig, self.facts = reader, i, params, inputs.rig, inputs.facts
         self.share = float(reader.shares[i])
         """Of the refined Gaussians' picture, 0..1; 0 where there is none."""
-        self.usable = np.isin(np.arange(len(inputs.rig)), inputs.views.sources) & inputs.valid[i]
         self.retouches = bool(self.facts & {SILHOUETTE_CLIPPING, HOLE_FILLING, SURFACE_CLOSING, OUTLINE_EVENING})
+        self.usable = self._usable()
+        """[V] source views that have a picture, and by their masks, where these are looked at, the subject in it."""
         self.silhouettes = agreed(inputs.rig, reader.masks(i)) if self.retouches else None
         self.widths = self._widths() if self.facts & {SILHOUETTE_CLIPPING, OUTLINE_EVENING} and self.share > 0 else {}
         """Px over which masks rise, by view, 0 without an outline; nothing while pictures are not refined."""
@@ -142,6 +144,14 @@ class FrameRenderer:
         self._lifted: dict[tuple[int, bool], Lifted] = {}
         self._refined: Gaussians | None = None
         self._sources: dict[int, SourcePicture] = {}
+
+    def _usable(self) -> np.ndarray:
+        views = np.arange(len(self.rig))
+        pictured = np.isin(views, self.reader.inputs.views.sources) & self.reader.inputs.valid[self.i]
+        if not self.retouches:
+            return pictured
+        shown = np.isin(views, [v for v, mask in self.reader.masks(self.i).items() if foreground(mask).any()])
+        return shown if shown.any() else pictured
 
     def picture(self, camera: Camera) -> tuple[torch.Tensor, torch.Tensor, int] | None:
         """Colour [h, w, 3] premultiplied on black, alpha [h, w] and how many Gaussians were not finite; None without

@@ -33,18 +33,25 @@ class Sureness:
     scores: Mapping[int, np.ndarray]
     """[J] stabilised, 0..1, by source view."""
 
-    def at(self, points: np.ndarray, view: int) -> np.ndarray:
-        """[N] confidence 0..1 that a view's joints have near world points [N, 3]."""
-        known = self.joints[:, 3] > 0
-        apart = ((points[:, None] - self.joints[None, known, :3]) ** 2).sum(axis=-1)
-        near = np.exp(-apart / (2 * NEAR**2))
+    def at(self, points: np.ndarray, views: Sequence[int]) -> np.ndarray:
+        """[V, N] confidence 0..1 that the joints of some views have near world points [N, 3].
+
+        Joint by joint: a person of 1080p has 600,000 points, and some joint sets 39 joints.
+        """
         weight, prior = FAR
-        return np.asarray((near @ self.scores[view][known] + weight * prior) / (near.sum(axis=1) + weight))
+        found, total = np.full((len(views), len(points)), weight * prior), np.full(len(points), weight)
+        for j in np.flatnonzero(self.joints[:, 3] > 0):
+            near = np.exp(((points - self.joints[j, :3]) ** 2).sum(axis=1) / (-2 * NEAR**2))
+            total += near
+            for v, view in enumerate(views):
+                found[v] += self.scores[view][j] * near
+        return np.asarray(found / total)
 
     def share(self, points: np.ndarray, view: int, views: Sequence[int]) -> np.ndarray:
-        """[N] in 0..1: a view's confidence over that of the surest of the picture's `views`, to the `POWER`; 1 where
-        all are 0."""
-        own, surest = self.at(points, view), np.max([self.at(points, v) for v in views], axis=0)
+        """[N] in 0..1: a view's confidence over that of the surest of the picture's `views`, itself among them, to the
+        `POWER`; 1 where all are 0."""
+        found = self.at(points, views)
+        own, surest = found[list(views).index(view)], found.max(axis=0)
         return np.where(surest > 0, (own / np.where(surest > 0, surest, 1.0)) ** POWER, 1.0)
 
 

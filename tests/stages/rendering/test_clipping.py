@@ -58,3 +58,12 @@ def test_a_thin_crack_is_closed_however_long_unless_it_opens_to_the_background(w
     assert (more[within] > 0.99).all() == closed
     assert not more[within].any() or closed
     assert not more[open_to_one_side].any()
+
+
+def test_what_the_border_cuts_is_solid_up_to_it() -> None:
+    alpha = np.zeros((64, 48), np.float32)
+    alpha[20:, :] = 0.8
+    own = np.float32([0.9, 0.4, 0.1])
+    more = filled(alpha[..., None] * own, alpha, Fillable.of(alpha, 64), np.ones_like(alpha), 64, 1.0)[1]
+    np.testing.assert_allclose(more[21:], 1, atol=1e-6)
+    np.testing.assert_array_equal(more[20], alpha[20])

@@ -176,6 +176,24 @@ def test_a_frame_without_any_picture_is_black_and_one_missing_view_is_replaced(
     assert not np.array_equal(out[COLOR][2, 0], render(person, arrays, path)[COLOR][2, 0])
 
 
+def test_a_view_whose_mask_is_empty_makes_room_for_the_next_as_one_without_a_picture_does(
+    person: PersonCapture, arrays: dict[str, np.ndarray]
+) -> None:
+    """Of the nearest view alone, as in an even ring the second says nothing beside two that are as near."""
+    path, on = make_path("held_out", person.rig, person.views, np.arange(3)), frozenset({"hole_filling"})
+    one = RenderingParams(sources=1)
+    valid = np.ones((3, 10), bool)
+    valid[:, 0] = False
+    gone = render(person, arrays, path, params=one, valid_all=valid, effects=on)
+    blank = {name: np.copy(a) for name, a in arrays.items()}
+    blank["frames/mask"][:, 0] = blank["gaussians/opacity"][:, 0] = 0
+    found = render(person, blank, path, params=one, effects=on)
+    assert (found[ALPHA] != render(person, arrays, path, params=one, effects=on)[ALPHA]).any()
+    assert gone[ALPHA].any(axis=(2, 3)).all(), "every held-out camera sees somebody"
+    for name in gone:
+        np.testing.assert_array_equal(found[name], gone[name])
+
+
 def test_double_precision_gives_the_same_picture_to_a_grey_level_or_two(
     person: PersonCapture, arrays: dict[str, np.ndarray]
 ) -> None:
