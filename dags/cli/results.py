@@ -39,11 +39,20 @@ def export(
             ),
         ),
     ] = None,
-    video: Annotated[Path | None, typer.Option("--video", help="Write H.264 video to this file.")] = None,
-    frames: Annotated[
-        Path | None, typer.Option("--frames", help="Write PNG pictures and frames.csv to this folder.")
+    video: Annotated[
+        Path | None,
+        typer.Option("--video", help="Write H.264 video to this file, or of several paths and cameras beside it."),
     ] = None,
-    sheet: Annotated[Path | None, typer.Option("--sheet", help="Write a contact sheet (PNG) to this file.")] = None,
+    frames: Annotated[
+        Path | None,
+        typer.Option(
+            "--frames", help="Write PNG pictures and frames.csv to this folder, or to a folder a path in it of several."
+        ),
+    ] = None,
+    sheet: Annotated[
+        Path | None,
+        typer.Option("--sheet", help="Write a contact sheet (PNG) to this file, or one a path beside it."),
+    ] = None,
     alpha: Annotated[
         bool, typer.Option("--alpha", help="Keep the coverage as an alpha channel of the PNG pictures.")
     ] = False,
@@ -124,7 +133,7 @@ def export(
     from posegaussian.dags.diagnostics.other_settings import made_otherwise
     from posegaussian.dags.export.request import ExportOrder
 
-    folder = output or Path(f"{sequence}-{to}")
+    folder = output or (Path(f"{sequence}-{to}") if to else None)
     order = ExportOrder.of(
         video,
         frames,

@@ -57,11 +57,14 @@ def needed(context: Context, frame: int | None) -> frozenset[Product]:
     return frozenset(filmed | lifted)
 
 
-def check(context: Context, folder: Path, frame: int | None) -> None:
-    """Raise UserError where the folder holds pictures of something else."""
+def check(context: Context, name: str, folder: Path, frame: int | None) -> None:
+    """Raise UserError for cameras that the layout cannot hold, and where the folder holds pictures of something
+    else."""
+    rig = context.rig.subset(context.active_views)
+    LAYOUTS[name].check(rig)
     check_folder(
         folder,
-        context.rig.subset(context.active_views),
+        rig,
         [int(context.source_frames[f]) for f in chosen_frames(context, frame)],
     )
 
@@ -73,7 +76,7 @@ def export_layout(
     Raises UserError and NotWritten."""
     context = results.context
     frames = chosen_frames(context, frame)
-    check(context, folder, frame)
+    check(context, name, folder, frame)
     recording, merged = _recording(results, frames, budget)
     check_undistorted(recording)
     LAYOUTS[name].write(folder, recording)

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from posegaussian.dags.export.background import Backdrop
+from posegaussian.dags.export.pictures import frame_rate
 from posegaussian.dags.export.splats import chosen_views, frame_gaussians, frame_maps
 from posegaussian.dags.export.splats import needed as needed_by_splats
 from posegaussian.dags.humanize.text import number
@@ -204,13 +205,12 @@ def page_head(
 
     sources = context.rig.subset(context.views.sources)
     cameras, steps = _cameras(context, _path(context, path))
-    stride = np.diff(context.source_frames)
     cutoffs = asdict(Cutoffs())
     subject = [float(x) for x in look_at_point(sources)]
     return {
         "title": context.sequence.name,
         "frames": [int(n) for n in context.source_frames],
-        "rate": float(context.capture.frame_rate / (np.median(stride) if len(stride) else 1)),
+        "rate": frame_rate(context),
         "steps": steps,
         "views": [_coarser(_camera(context, v), side) for v in views],
         "usable": [[bool(context.valid[f, v]) for v in views] for f in range(len(context.source_frames))],

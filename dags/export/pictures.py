@@ -1,4 +1,7 @@
-"""From finished pictures of one camera path to files people open: video, frames, contact sheet."""
+"""From finished pictures of camera paths to files people open: video, frames, contact sheet.
+
+Of several paths each has files of its own: `out_KIND.mp4`, `frames/KIND/`, `sheet_KIND.png`.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +16,7 @@ from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.plan import Plan
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.planning.tasks import Product
+from posegaussian.stages.camera_paths.gaps import STANDING
 from posegaussian.stages.network.params import depth_array
 from posegaussian.storage.model.cameras import CameraPath
 from posegaussian.storage.model.errors import UserError
@@ -40,10 +44,27 @@ def pictures(
                 yield frame, camera, shown if behind is None else over(shown, coverage, behind), coverage
 
 
+STEP_RATE = 24.0
+"""Frames a second of a single instant's video and page: cameras that are the steps of one that moves."""
+
+
+def frame_rate(context: Context) -> float:
+    """Frames a second of the sequence; those of `STEP_RATE` where it has a single one."""
+    numbers = context.source_frames
+    return float(context.capture.frame_rate / np.median(np.diff(numbers))) if len(numbers) > 1 else STEP_RATE
+
+
+def _moves(path: CameraPath) -> bool:
+    """Whether the cameras of a single instant are steps of one video: neither cameras of the capture nor of several
+    sizes."""
+    return len(path.served) == 1 and path.kind not in STANDING and bool((path.size == path.size[:1]).all())
+
+
 def export_video(results: Results, path: CameraPath, file: Path, backdrop: Backdrop = BLACK) -> list[Path]:
     """Write H.264 video: of the path's one camera over time, of its steps for a single frame, else one file a camera.
 
-    Returns the files written. Raises UserError when the path serves no frame.
+    A camera that does not serve a frame keeps showing its last picture, black before the first. Returns the files
+    written. Raises UserError when the path serves no frame.
     """
     from posegaussian.storage.exporters.video import write_video
 
@@ -52,28 +73,30 @@ def export_video(results: Results, path: CameraPath, file: Path, backdrop: Backd
             f"camera path {path.text!r} serves no frame of sequence {results.context.sequence.name};"
             f" nothing to write to {file}"
         )
-    rate = results.context.capture.frame_rate / _stride(results)
-    if len(path.served) == 1 or len(path.names) == 1:
-        write_video(
-            file,
-            (picture for _, _, picture, _ in pictures(results, path, backdrop)),
-            rate if len(path.served) > 1 else 24.0,
-        )
+    rate = frame_rate(results.context)
+    if _moves(path):
+        write_video(file, (picture for _, _, picture, _ in pictures(results, path, backdrop)), rate)
         return [file]
     written = []
     for camera, name in enumerate(path.names):
         if path.served[:, camera].any():
-            own = file.with_name(f"{file.stem}_{name}{file.suffix}")
-            its = pictures(results, path, backdrop, range(camera, camera + 1))
-            write_video(own, (picture for _, _, picture, _ in its), rate)
+            own = file if len(path.names) == 1 else file.with_name(f"{file.stem}_{name}{file.suffix}")
+            write_video(own, _held(results, path, camera, backdrop), rate)
             written.append(own)
     return written
 
 
-def _stride(results: Results) -> float:
-    """Source frames from one frame of the sequence to the next."""
-    numbers = results.context.source_frames
-    return float(np.median(np.diff(numbers))) if len(numbers) > 1 else 1.0
+def _held(results: Results, path: CameraPath, camera: int, backdrop: Backdrop) -> Iterator[np.ndarray]:
+    """[h, w, 3] uint8 of every frame of one camera, so that its video keeps time with the sequence."""
+    width, height = path.size[camera]
+    shown, frames = np.zeros((height, width, 3), np.uint8), 0
+    for frame, _, picture, _ in pictures(results, path, backdrop, range(camera, camera + 1)):
+        while frames < frame:
+            yield shown
+            frames += 1
+        shown = picture
+    for _ in range(frames, len(path.served)):
+        yield shown
 
 
 def export_frames(results: Results, path: CameraPath, folder: Path, alpha: bool, backdrop: Backdrop = BLACK) -> int:
@@ -183,6 +206,23 @@ def held_out_picture(results: Results, path: CameraPath, camera: int, frame: ran
     return (color * (mask[..., None] / 255.0)).round().astype(np.uint8)
 
 
+def own_names(context: Context) -> dict[str, str]:
+    """By the name of a path what its files are called beside those of others: its kind, its name where two are of one
+    kind; empty for the only one."""
+    kinds = [p.kind for p in context.paths.values()]
+    if len(kinds) == 1:
+        return dict.fromkeys(context.paths, "")
+    return {name: p.kind if kinds.count(p.kind) == 1 else name for name, p in context.paths.items()}
+
+
+def check_frames(context: Context, folder: Path) -> None:
+    """Raise UserError where the folder holds pictures of something else."""
+    from posegaussian.storage.exporters.frames import refuse_strangers
+
+    for name, own in own_names(context).items():
+        refuse_strangers(folder / own, context.paths[name].names, context.source_frames)
+
+
 def write_exports(
     p: Plan,
     video: Path | None,
@@ -191,15 +231,24 @@ def write_exports(
     alpha: bool = False,
     backdrop: Backdrop = BLACK,
 ) -> list[str]:
-    """Write what was asked for of every path of a finished plan; returns sentences about the files."""
+    """Write what was asked for of every path of a finished plan, for each its own files; returns sentences about
+    them."""
     results = Results(p.context)
     said = []
-    for chosen in p.context.paths.values():
+    for name, own in own_names(p.context).items():
+        chosen = p.context.paths[name]
+        of = f" of {chosen.text}" if own else ""
         if video:
-            said += [f"video: {file}" for file in export_video(results, chosen, video, backdrop)]
+            said += [f"video{of}: {file}" for file in export_video(results, chosen, _own(video, own), backdrop)]
         if frames:
-            said.append(f"frames: {export_frames(results, chosen, frames, alpha, backdrop)} pictures in {frames}")
+            count = export_frames(results, chosen, frames / own, alpha, backdrop)
+            said.append(f"frames{of}: {count} pictures in {frames / own}")
         if sheet:
-            export_sheet(results, chosen, sheet)
-            said.append(f"contact sheet: {sheet}")
+            export_sheet(results, chosen, _own(sheet, own))
+            said.append(f"contact sheet{of}: {_own(sheet, own)}")
     return said
+
+
+def _own(file: Path, own: str) -> Path:
+    """The file of one path."""
+    return file.with_name(f"{file.stem}_{own}{file.suffix}") if own else file

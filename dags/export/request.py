@@ -16,6 +16,7 @@ from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.plan import Plan
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.planning.tasks import Product
+from posegaussian.storage.exporters.video import check_rate
 from posegaussian.storage.model.errors import ConfigError
 
 
@@ -66,7 +67,7 @@ class ExportOrder:
         background: str,
         splats_as: str = "ply",
         layout: str | None = None,
-        folder: Path = Path(),
+        folder: Path | None = None,
         frame: int | None = None,
         page: Path | None = None,
         path: str | None = None,
@@ -86,9 +87,17 @@ class ExportOrder:
         exporting_splats.chosen_files(splats_as)
         if layout:
             layouts.check_layout(layout)
-            output_folder("export --output", folder)
+            output_folder("export --output", folder or Path())
         elif frame is not None:
             raise ConfigError(f"export --frame {frame}: it chooses the instant of --to LAYOUT, which is not asked for")
+        elif folder is not None:
+            raise ConfigError(f"export --output {folder}: it is the folder of --to LAYOUT, which is not asked for")
+        if alpha and not frames:
+            raise ConfigError("export --alpha: it is for --frames FOLDER, which is not asked for")
+        if views and not (splats or page):
+            raise ConfigError(
+                f"export --view {' '.join(views)}: it is for --splats FOLDER and --page FILE, which are not asked for"
+            )
         if budget is not None:
             exporting_splats.check_budget(budget, bool(splats or layout))
         if page_gaussians is not None and page is None:
@@ -121,7 +130,7 @@ class ExportOrder:
             behind,
             splats_as,
             layout,
-            folder,
+            folder or Path(),
             frame,
             page,
             path,
@@ -147,18 +156,17 @@ class ExportOrder:
 
     def check(self, context: Context) -> None:
         """Raise UserError, before anything runs,
-        where the files of this sequence would mix with those of something else."""
+        where the files of this sequence would mix with those of something else, or cannot hold it."""
+        if self.video:
+            check_rate(self.video, pictures.frame_rate(context))
         if self.frames:
-            from posegaussian.storage.exporters.frames import refuse_strangers
-
-            for path in context.paths.values():
-                refuse_strangers(self.frames, path.names, context.source_frames)
+            pictures.check_frames(context, self.frames)
         if self.splats:
             exporting_splats.refuse_strangers(context, self.splats, self.splats_as)
         if self.page:
             exporting_page.check(context, self.views, self.path)
         if self.layout:
-            layouts.check(context, self.folder, self.frame)
+            layouts.check(context, self.layout, self.folder, self.frame)
 
     def write(self, plan: Plan) -> list[str]:
         """Write everything from a finished plan; returns sentences about the files."""

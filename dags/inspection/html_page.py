@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
+from urllib.parse import quote
 
 from posegaussian.dags.inspection.figures import PairPicture
 from posegaussian.dags.inspection.portraits import NAMED, Portrait, who_is_who
@@ -108,13 +109,18 @@ def _people(people: Sequence[tuple[Portrait, Path]], folder: Path, said: Sequenc
     if not people:
         return ""
     figures = "".join(
-        f'<figure><img src="{escape(file.relative_to(folder).as_posix(), quote=True)}"'
+        f'<figure><img src="{_source(file, folder)}"'
         f' alt="{escape(p.name, quote=True)}"><figcaption>{escape(p.sentence)}</figcaption></figure>'
         for p, file in people
     )
     captions = {p.sentence for p, _ in people}
     notes = "".join(f"<p>{escape(s)}.</p>" for s in said if s not in captions)
     return f'<h2>People</h2>{notes}<p>{escape(NAMED)}</p><div class="people">{figures}</div>'
+
+
+def _source(file: Path, folder: Path) -> str:
+    """Where an img finds a picture: names of cameras may hold what means something else in a URL."""
+    return quote(file.relative_to(folder).as_posix())
 
 
 def _to_do(report: Report) -> str:
@@ -153,8 +159,7 @@ def _figure(picture: PairPicture, findings: Sequence[Finding], names: Sequence[s
     cameras = tuple(names[v] for v in dict.fromkeys(picture.views))
     own = [f for f in findings if f.cameras == cameras and len(cameras) == 2]
     told = "".join(f"<br>{_mark(f.verdict)} {escape(f.measure)}: {escape(f.sentence)}" for f in own)
-    source = escape(picture.file.relative_to(folder).as_posix(), quote=True)
     return (
-        f'<figure><img src="{source}" alt="{escape(picture.caption, quote=True)}">'
+        f'<figure><img src="{_source(picture.file, folder)}" alt="{escape(picture.caption, quote=True)}">'
         f"<figcaption><b>{escape(picture.caption)}</b>{told}</figcaption></figure>"
     )

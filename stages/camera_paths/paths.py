@@ -95,7 +95,10 @@ def _asked(
         return _side_by_side(rig, views, frames, max_angle)
     # A camera that is held out or not believed does not say where the subject is; a single one alone cannot.
     seeing = rig.subset(views.sources) if len(views.sources) > 1 else rig
-    return _orbit(seeing, frames) if kind == "orbit" else _arc(rig, seeing, indices[0], indices[1], frames)
+    if kind == "arc":
+        return _arc(rig, seeing, indices[0], indices[1], frames)
+    subject = look_at_point(seeing) if distance is None else _ahead(rig, views, views.sources[0], distance)
+    return _orbit(seeing, subject, frames)
 
 
 def _camera(name: str, text: str, rig: Rig) -> int:
@@ -124,14 +127,14 @@ def _moving(kind: str, intrinsics: np.ndarray, poses: np.ndarray, size: np.ndarr
     )
 
 
-def _orbit(rig: Rig, frames: int) -> CameraPath:
-    """Once around the point nearest to all optical axes, starting beside the first camera, right-handed about the rig's
-    up.
+def _orbit(rig: Rig, subject: np.ndarray, frames: int) -> CameraPath:
+    """Once around the subject [3], starting beside the first camera, right-handed about the rig's up.
 
-    Radius and height are the cameras' means about that axis, the focal length is their mean, the principal point is the
-    middle of a picture of the most common size. The last frame stops one step short of the first: a loop has no double.
+    Radius and height are the cameras' means about that axis. A picture has the most common size, its middle as
+    principal point, and the angle of view of the median camera among those whose pictures stand or lie like it. The
+    last frame stops one step short of the first: a loop has no double.
     """
-    subject, up = look_at_point(rig), up_direction(rig)
+    up = up_direction(rig)
     offset = rig.centres - subject
     height = offset @ up
     flat = offset - height[:, None] * up
@@ -148,7 +151,8 @@ def _orbit(rig: Rig, frames: int) -> CameraPath:
     around = np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * np.cross(up, side)
     poses = np.stack([_looking_at(subject, subject + radius * a + height.mean() * up, up) for a in around])
     size = _common_size(rig)
-    focal = rig.intrinsics[:, [0, 1], [0, 1]].mean()
+    like = (rig.size[:, 0] > rig.size[:, 1]) == (size[0] > size[1])
+    focal = float(np.median(_focal_at(rig, size)[like]))
     k = np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1]])
     return _moving("orbit", np.repeat(k[None], steps, axis=0), poses, size, frames)
 
@@ -157,6 +161,11 @@ def _common_size(rig: Rig) -> np.ndarray:
     """[2] px: the size that most pictures have."""
     sizes, counts = np.unique(rig.size, axis=0, return_counts=True)
     return np.asarray(sizes[np.argmax(counts)])
+
+
+def _focal_at(rig: Rig, size: np.ndarray) -> np.ndarray:
+    """[V] px: focal lengths of cameras whose pictures are scaled to the longer side of `size` [2]."""
+    return np.asarray(rig.intrinsics[:, [0, 1], [0, 1]].mean(axis=1) * size.max() / rig.size.max(axis=1))
 
 
 def _side_by_side(rig: Rig, views: Views, frames: int, max_angle: float) -> CameraPath:
@@ -178,7 +187,7 @@ def _side_by_side(rig: Rig, views: Views, frames: int, max_angle: float) -> Came
     phase = np.arange(steps) / steps
     subject, axis, height, flat = around(rig, views.sources)
     size = _common_size(rig.subset(stretch.views))
-    focal = rig.intrinsics[:, [0, 1], [0, 1]].mean(axis=1) * size.max() / rig.size.max(axis=1)
+    focal = _focal_at(rig, size)
     azimuth, (rise, radius, length) = _along(
         rig, views, stretch, phase if stretch.closed else (1 - np.cos(2 * np.pi * phase)) / 2, height, flat, focal
     )
@@ -221,6 +230,14 @@ def _looking_at(subject: np.ndarray, centre: np.ndarray, up: np.ndarray) -> np.n
     return rigid(rotation, -rotation @ centre)
 
 
+def _ahead(rig: Rig, views: Views, view: int, distance: float | None) -> np.ndarray:
+    """[3] the subject before a camera: `distance` metres along its axis where that is known, of a single source camera,
+    else the point where the source cameras look."""
+    if distance is not None and len(views.sources) == 1:
+        return rig.centres[view] + distance * rig.rotations[view, 2]
+    return look_at_point(rig.subset(views.sources))
+
+
 def _sway(rig: Rig, views: Views, words: list[str], text: str, frames: int, distance: float | None) -> CameraPath:
     """A source camera that swings about the subject on its axis, sideways by some degrees and less up and down, a lying
     eight that begins at the camera itself.
@@ -239,11 +256,7 @@ def _sway(rig: Rig, views: Views, words: list[str], text: str, frames: int, dist
     if not 0 < swing <= 90:
         raise UserError(f"camera path {text!r}: {swing:g} degrees are not between 0 and 90")
     r, t = rig.rotations[view], rig.world_to_camera[view, :3, 3]
-    depth = (
-        distance
-        if distance is not None and len(views.sources) == 1
-        else float(r[2] @ (look_at_point(rig.subset(views.sources)) - rig.centres[view]))
-    )
+    depth = float(r[2] @ (_ahead(rig, views, view, distance) - rig.centres[view]))
     if depth <= 0:
         raise UserError(f"camera path {text!r}: the point where the source cameras look lies behind {rig.names[view]}")
     steps = frames if frames > 1 else STEPS

@@ -38,6 +38,27 @@ class Stretch:
     """Degrees around the subject that it covers, of 360."""
 
 
+@dataclass(frozen=True, eq=False)
+class _Standing:
+    """Where cameras stand around the subject."""
+
+    azimuth: np.ndarray
+    """[V] radians."""
+    elevation: np.ndarray
+    """[V] degrees."""
+
+    def cost(self, a: int, b: int, step: float) -> float:
+        """Of going from one camera to another, `step` radians of azimuth on: squared degrees. The angle at the subject
+        would be cheap high up, where a ring is short."""
+        return float(np.degrees(step) ** 2 + (self.elevation[b] - self.elevation[a]) ** 2)
+
+    def weighed(self, chain: _Chain) -> float:
+        """Cost of a way, more the farther it is from level: rings of a dome are never quite equally even. Too little to
+        leave out a camera for being high."""
+        off_level = np.abs(self.elevation[list(chain.views)]).mean() / 90
+        return round(chain.cost * (1 + float(off_level) ** 2), 1)
+
+
 @dataclass(frozen=True)
 class _Chain:
     """The way from one camera: how far it gets (radians), how evenly, and past whom."""
@@ -52,15 +73,17 @@ def best_stretch(rig: Rig, sources: Sequence[int], max_angle: float = MAX_ANGLE)
     can be matched.
 
     Groups are what usable pairs (`posegaussian.stages.geometry.pairs`) hold together. Within one the stretch goes all
-    the way around where it can, else as far as it can, and by the sum of squared angles: past every camera between, but
-    not up and down between two rows of them.
+    the way around where it can, else as far as it can, and by the sum of squared steps in azimuth and in elevation:
+    past every camera between, but not up and down between two rows of them. Of rings about as even, such as those of
+    a dome, it is the one nearest to the subject's height.
     """
     angles: dict[tuple[int, int], float] = {}
     for report in pair_report(rig, sources, max_angle):
         if report.usable:
             angles[report.views] = angles[report.views[::-1]] = round(report.angle, 1)
-    azimuth = _azimuths(rig, sources)
-    found = [_of_group(group, angles, azimuth) for group in _groups(sources, angles)]
+    _, _, height, flat = around(rig, sources)
+    standing = _Standing(_azimuths(rig, sources), np.degrees(np.arctan2(height, flat)))
+    found = [_of_group(group, angles, standing) for group in _groups(sources, angles)]
     known = [(size, stretch) for size, stretch in found if stretch is not None]
     return min(known, key=lambda f: (-f[0], f[1].widest, f[1].views[0]))[1] if known else None
 
@@ -132,24 +155,24 @@ def _groups(sources: Sequence[int], angles: Angles) -> list[list[int]]:
     return groups
 
 
-def _of_group(group: list[int], angles: Angles, azimuth: np.ndarray) -> tuple[int, Stretch | None]:
+def _of_group(group: list[int], angles: Angles, standing: _Standing) -> tuple[int, Stretch | None]:
     """How many cameras the group has, and its stretch."""
     rings, arcs = [], []
     for start in group:
-        chains = _chains(start, group, angles, azimuth)
+        chains = _chains(start, group, angles, standing)
         arcs.append(min(chains, key=lambda c: (-round(c.azimuth, 3), c.cost, c.views)))
         for c in chains:
             step = (TURN - c.azimuth) if c.azimuth > 0 else np.inf
             if (c.views[-1], start) in angles and LEAST < step < np.pi:
-                rings.append(_Chain(TURN, c.cost + angles[c.views[-1], start] ** 2, c.views))
+                rings.append(_Chain(TURN, c.cost + standing.cost(c.views[-1], start, step), c.views))
     if rings:
-        views = min(rings, key=lambda c: (round(c.cost, 1), min(c.views), c.views)).views
+        views = min(rings, key=lambda c: (standing.weighed(c), min(c.views), c.views)).views
         first = views.index(min(views))
         views = views[first:] + views[:first]
         return len(group), Stretch(
             views, True, max(angles[a, b] for a, b in zip(views, views[1:] + views[:1], strict=True)), 360.0
         )
-    longest = min(arcs, key=lambda c: (-round(c.azimuth, 3), round(c.cost, 1), c.views))
+    longest = min(arcs, key=lambda c: (-round(c.azimuth, 3), standing.weighed(c), c.views))
     if len(longest.views) < 2:
         return len(group), None
     return len(group), Stretch(
@@ -157,9 +180,10 @@ def _of_group(group: list[int], angles: Angles, azimuth: np.ndarray) -> tuple[in
     )
 
 
-def _chains(start: int, group: list[int], angles: Angles, azimuth: np.ndarray) -> list[_Chain]:
+def _chains(start: int, group: list[int], angles: Angles, standing: _Standing) -> list[_Chain]:
     """The most even way from `start` to every camera of the group that can be reached with growing azimuth, less
     than once around."""
+    azimuth = standing.azimuth
     ahead = {
         v: float((azimuth[v] - azimuth[start]) % TURN)
         for v in group
@@ -168,7 +192,7 @@ def _chains(start: int, group: list[int], angles: Angles, azimuth: np.ndarray) -
     best = {start: _Chain(0.0, 0.0, (start,))}
     for v in sorted(ahead, key=lambda v: (ahead[v], v)):
         ways = [
-            _Chain(ahead[v], c.cost + angles[u, v] ** 2, (*c.views, v))
+            _Chain(ahead[v], c.cost + standing.cost(u, v, ahead[v] - c.azimuth), (*c.views, v))
             for u, c in best.items()
             if (u, v) in angles and LEAST < ahead[v] - c.azimuth < np.pi
         ]

@@ -19,6 +19,11 @@ UPRIGHT = 0.94
 Cameras above each other over 60 degrees have 0.95; an arc of 90 degrees whose pictures lie on their side has 0.90."""
 ALIKE = 0.7
 """Length of the mean roll (a point of the unit circle for each camera) below which each is rolled in its own way."""
+LEVEL, STEEP = np.sin(np.radians([15.0, 35.0]))
+"""Sines of the angles above or below level up to which a camera's optical axis counts in full as level, and from which
+on it does not count: how steeply a camera looks is anybody's choice, but its pictures' lower edges lie level."""
+PULL = 0.03
+"""Weight beside a camera's of the upward picture axes' own mean, which decides where all lower edges are parallel."""
 SURE = 0.05
 """Sine of the angle by which a camera must look up or down for that to tell above from below."""
 
@@ -63,7 +68,8 @@ def up_direction(rig: Rig) -> np.ndarray:
     their side): up is then the direction in the picture plane that the cameras agree upon best, max over the angle a of
     abs(mean(cos a up + sin a right)), an eigenvector. Where each is rolled by an angle of its own, up is what the
     optical axes have least of (all around: vary least in). Of the two senses it is that of pictures that are rolled
-    alike, else that in which cameras look down.
+    alike, else that in which cameras look down. Where cameras rolled alike look steeply up or down, it is righted by
+    their pictures' lower edges.
     """
     right, upward, forward = rig.rotations[:, 0], -rig.rotations[:, 1], rig.rotations[:, 2]
     alike = np.stack([upward.mean(axis=0), right.mean(axis=0)])
@@ -71,7 +77,7 @@ def up_direction(rig: Rig) -> np.ndarray:
     held, agreed = float(np.linalg.norm(alike[0])), float(np.sqrt(max(values[1], 0.0)))
     up = alike[0] if held >= UPRIGHT * agreed else vectors[:, 1] @ alike
     pictures = float(alike[0] @ up)
-    if len(rig) > 2 and _agreement(rig, up) < ALIKE:
+    if len(rig) > 2 and np.hypot(*_mean_roll(rig, up)) < ALIKE:
         spread = forward - forward.mean(axis=0)
         about = spread if np.linalg.norm(forward.mean(axis=0)) < 0.5 else forward
         up, pictures = np.linalg.eigh(about.T @ about)[1][:, 0], 0.0
@@ -79,7 +85,24 @@ def up_direction(rig: Rig) -> np.ndarray:
         return upward[0]
     up = up / np.linalg.norm(up)
     votes = (pictures, _seen_from_above(forward, up), float(alike[1] @ up))
-    return up if next((v for v in votes if abs(v) > SURE), 1.0) > 0 else -up
+    return _righted(rig, up if next((v for v in votes if abs(v) > SURE), 1.0) > 0 else -up)
+
+
+def _righted(rig: Rig, up: np.ndarray) -> np.ndarray:
+    """[3] `up` [3], where a camera is steep (`STEEP`) the direction nearest to square to what lies level of cameras
+    rolled alike: the lower edges of all their pictures, and the optical axes of those that look level."""
+    cosine, sine = _mean_roll(rig, up)
+    agreed = np.hypot(cosine, sine)
+    if len(rig) < 2 or agreed < ALIKE:
+        return up
+    edges, forward = (cosine * rig.rotations[:, 0] + sine * rig.rotations[:, 1]) / agreed, rig.rotations[:, 2]
+    square = edges.T @ edges + PULL * len(rig) * (np.eye(3) - np.outer(up, up))
+    slope = np.abs(forward @ np.linalg.eigh(square)[1][:, 0])  # about what edges alone say, which no top camera tilts
+    if slope.max() <= STEEP:
+        return up
+    weight = np.clip((STEEP - slope) / (STEEP - LEVEL), 0.0, 1.0)
+    righted = np.linalg.eigh(square + (weight * forward.T) @ forward)[1][:, 0]
+    return righted if righted @ up > 0 else -righted
 
 
 def _seen_from_above(forward: np.ndarray, up: np.ndarray) -> float:
@@ -92,10 +115,10 @@ def _seen_from_above(forward: np.ndarray, up: np.ndarray) -> float:
     return -float(forward.mean(axis=0) @ axis)
 
 
-def _agreement(rig: Rig, up: np.ndarray) -> float:
-    """How far all cameras are rolled by one angle against `up` [3]: the length of the mean direction, 0 to 1."""
+def _mean_roll(rig: Rig, up: np.ndarray) -> tuple[float, float]:
+    """Mean cosine and sine of the cameras' rolls against `up` [3]; as a vector 1 long where all are rolled alike."""
     roll = np.arctan2(rig.rotations[:, 0] @ up, -rig.rotations[:, 1] @ up)
-    return float(np.hypot(np.cos(roll).mean(), np.sin(roll).mean()))
+    return float(np.cos(roll).mean()), float(np.sin(roll).mean())
 
 
 def body_points(subject: np.ndarray, up: np.ndarray, scale: float = 1.0) -> np.ndarray:

@@ -17,15 +17,20 @@ _BT709 = 1
 _LIMITED = 1
 _QUALITY = "16"
 """x264 constant rate factor; 16 is visually lossless."""
+SLOWEST, FASTEST = 1 / 3600, 1e6
+"""Frames a second that an mp4 holds and players read."""
+_FAST = 1000
+"""Frames a second, and ticks of an mp4's own clock: of what lies between two ticks nothing is shown."""
 
 
 def write_video(path: str | Path, frames: Iterable[np.ndarray], rate: float) -> int:
     """Write [h, w, 3] uint8 sRGB frames as H.264, yuv420p, BT.709 limited range (converted and tagged), and count them.
 
     Odd sizes are padded to even ones by repeating the last row or column. The file appears under its name only when it
-    is whole. Raises UserError when there are no frames or the path does not end in .mp4, ValueError when a frame has
-    another size than the first, NotWritten when the disk does not take it.
+    is whole. Raises UserError for a rate beyond `SLOWEST` and `FASTEST`, when there are no frames or the path does not
+    end in .mp4, ValueError when a frame has another size than the first, NotWritten when the disk does not take it.
     """
+    check_rate(path, rate)
     path = Path(path)
     if path.suffix.lower() != ".mp4":
         raise UserError(f"video {path}: videos are written as .mp4, not {path.suffix or 'without an ending'}")
@@ -36,6 +41,15 @@ def write_video(path: str | Path, frames: Iterable[np.ndarray], rate: float) -> 
         if _packets(partial) != count:
             ask_why(partial, 2 * partial.stat().st_size, "not all frames arrived in the file")
     return count
+
+
+def check_rate(path: str | Path, rate: float) -> None:
+    """Raise UserError for frames a second beyond `SLOWEST` and `FASTEST`."""
+    if not SLOWEST <= rate <= FASTEST:
+        raise UserError(
+            f"video {path}: {rate:g} frames a second; a video has 1 in {1 / SLOWEST:.0f} seconds to {FASTEST:.0f} a"
+            " second: correct the capture's frame rate, or write pictures (--frames)"
+        )
 
 
 def _encode(part: Path, frames: Iterable[np.ndarray], rate: float) -> int:
@@ -50,7 +64,8 @@ def _encode(part: Path, frames: Iterable[np.ndarray], rate: float) -> int:
         return 0
     count = 0
     try:
-        with av.open(str(part), "w", format="mp4", options={"movflags": "+faststart"}) as container:
+        options = {"movflags": "+faststart"} | ({"movie_timescale": f"{FASTEST:.0f}"} if rate > _FAST else {})
+        with av.open(str(part), "w", format="mp4", options=options) as container:
             stream = _stream(container, first.shape, rate)
             for count, picture in enumerate(_chain(first, iterator), start=1):
                 if picture.shape != first.shape or picture.dtype != np.uint8:
@@ -84,9 +99,8 @@ def _chain(first: np.ndarray, rest: Iterable[np.ndarray]) -> Iterable[np.ndarray
 
 
 def _stream(container: Any, shape: tuple[int, ...], rate: float) -> Any:
-    stream = container.add_stream(
-        "libx264", rate=Fraction(rate).limit_denominator(1001), options={"crf": _QUALITY, "preset": "medium"}
-    )
+    exact = Fraction(rate).limit_denominator(1001) if rate >= 1 else 1 / Fraction(1 / rate).limit_denominator(1001)
+    stream = container.add_stream("libx264", rate=exact, options={"crf": _QUALITY, "preset": "medium"})
     stream.width, stream.height, stream.pix_fmt = shape[1] + shape[1] % 2, shape[0] + shape[0] % 2, "yuv420p"
     context = stream.codec_context
     context.color_primaries = context.color_trc = context.colorspace = _BT709

@@ -47,6 +47,10 @@ class Recording:
         return ((v, n, picture_name(self.rig.names[v], n)) for v, own in enumerate(self.numbers) for n in own)
 
 
+def any_cameras(rig: Rig) -> None:
+    """The check of a layout that holds every camera."""
+
+
 @dataclass(frozen=True)
 class Layout:
     """One layout that captures leave in."""
@@ -59,6 +63,8 @@ class Layout:
     """Writes cameras and cloud beside the pictures. Raises UserError for what the layout cannot hold."""
     still: bool = False
     """Whether most tools that read it take a scene to stand still."""
+    check: Callable[[Rig], None] = any_cameras
+    """Raises UserError for cameras that the layout cannot hold: asked before a run, and again when it is written."""
 
 
 def picture_name(camera: str, number: int) -> str:

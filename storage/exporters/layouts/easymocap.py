@@ -13,11 +13,21 @@ import numpy as np
 
 from posegaussian.storage.exporters.layouts.declaration import Layout, Recording
 from posegaussian.storage.files.write import write_atomically
-from posegaussian.storage.model.cameras import to_integer_centres
+from posegaussian.storage.model.cameras import Rig, to_integer_centres
 from posegaussian.storage.model.errors import UserError
 
 KEY = re.compile(r"[A-Za-z0-9_\-]+")
 """What OpenCV takes as the rest of a key."""
+
+
+def check(rig: Rig) -> None:
+    """Raise UserError for a camera whose name OpenCV's files cannot hold."""
+    for name in rig.names:
+        if not KEY.fullmatch(name):
+            raise UserError(
+                f"export --to easymocap: camera {name!r} cannot be a key of OpenCV's YAML, which takes letters, digits,"
+                " '_' and '-'; export to another layout, or rename the camera at its source"
+            )
 
 
 def write(folder: Path, recording: Recording) -> None:
@@ -26,12 +36,7 @@ def write(folder: Path, recording: Recording) -> None:
     import cv2
 
     rig = recording.rig
-    for name in rig.names:
-        if not KEY.fullmatch(name):
-            raise UserError(
-                f"export --to easymocap: camera {name!r} cannot be a key of OpenCV's YAML, which takes letters, digits,"
-                " '_' and '-'; export to another layout, or rename the camera at its source"
-            )
+    check(rig)
     head = "%YAML:1.0\n---\nnames:\n" + "".join(f'  - "{n}"\n' for n in rig.names)
     intri, extri = [head], [head]
     intrinsics = to_integer_centres(rig.intrinsics)
@@ -51,4 +56,6 @@ def _matrix(key: str, values: np.ndarray) -> str:
     return f"{key}: !!opencv-matrix\n  rows: {rows}\n  cols: {columns}\n  dt: d\n  data: [{data}]\n"
 
 
-LAYOUT = Layout("easymocap", "images, masks, intri.yml and extri.yml, for EasyMocap and EasyVolcap.", write)
+LAYOUT = Layout(
+    "easymocap", "images, masks, intri.yml and extri.yml, for EasyMocap and EasyVolcap.", write, check=check
+)

@@ -14,7 +14,7 @@ from posegaussian.dags.planning.results import Results
 from posegaussian.storage.exporters.layouts.registry import LAYOUTS
 from posegaussian.storage.formats.colmap_model import read_model
 from posegaussian.storage.importers.find import find_capture
-from posegaussian.storage.model.errors import ConfigError, ShardMissing
+from posegaussian.storage.model.errors import ConfigError, ShardMissing, UserError
 from posegaussian.storage.readers.sources import open_source
 from tests.dags.cli.test_cli import assert_says, posegaussian
 from tests.support.pipeline import NAME, Pipeline, film
@@ -86,6 +86,23 @@ def test_what_cannot_be_asked_for_is_refused(made: Pipeline, tmp_path: Path) -> 
         order(frame=2, splats=tmp_path)
     with pytest.raises(ConfigError, match="--frame 7: sequence person has source frames 1 to 2"):
         order(layout="colmap", folder=tmp_path, frame=7).needed(made.context())
+
+
+def test_a_camera_that_a_layout_cannot_hold_is_refused_before_the_run(tmp_path: Path) -> None:
+    film(tmp_path / "capture", views=3, size=32, frames=1, masks=False, joints=False, depth=False)
+    cameras, images = tmp_path / "capture/cameras.json", tmp_path / "capture/images"
+    cameras.write_text(cameras.read_text().replace("cam01", "left cam"))
+    (images / "cam01").rename(images / "left cam")
+    pipeline = Pipeline(tmp_path / "archive", tmp_path / "capture", ["depth.method=hull"])
+    pipeline.register()
+    (tmp_path / "out").mkdir()
+
+    def order(layout: str) -> ExportOrder:
+        return ExportOrder.of(None, None, None, None, (), False, "none", layout=layout, folder=tmp_path / "out")
+
+    with pytest.raises(UserError, match=r"--to easymocap: camera 'left cam' cannot be a key of OpenCV's YAML"):
+        order("easymocap").check(pipeline.context())
+    order("colmap").check(pipeline.context())
 
 
 def test_the_command_makes_again_what_was_dropped_and_writes_it(made: Pipeline, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
@@ -71,6 +72,26 @@ def test_an_export_refuses_before_it_computes(
     assert isinstance(result.exception, ConfigError), result.output
     assert finished.with_settings().plan().all_fresh, "nothing was computed"
     assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("option", "given", "other"),
+    [
+        ("--alpha", {"alpha": True}, {"video": "a.mp4"}),
+        ("--view cam00 cam01", {"views": ("cam00", "cam01")}, {"frames": "frames"}),
+        ("--output there", {"folder": Path("there")}, {"sheet": "a.png"}),
+    ],
+)
+def test_an_option_of_something_that_is_not_asked_for_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option: str, given: dict[str, Any], other: dict[str, str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    nothing: dict[str, Any] = dict.fromkeys(("video", "frames", "sheet", "splats"))
+    nothing |= {"views": (), "alpha": False, "background": "none"}
+    asked = {key: Path(name) for key, name in other.items()}
+    ExportOrder.of(**{**nothing, **asked})
+    with pytest.raises(ConfigError, match=rf"export {option}: it is .* not asked for"):
+        ExportOrder.of(**{**nothing, **asked, **given})
 
 
 def test_pictures_of_something_else_are_found_before_the_run(finished: Pipeline, tmp_path: Path) -> None:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote, urlsplit
 
 import cv2
 import numpy as np
 
-from posegaussian.dags.inspection.figures import write_portraits
-from posegaussian.dags.inspection.html_page import _people
+from posegaussian.dags.inspection.figures import PairPicture, write_portraits
+from posegaussian.dags.inspection.html_page import _figure, _people
 from posegaussian.dags.inspection.portraits import portraits, who_is_who
 from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.inspection.finding import measured
@@ -70,6 +72,17 @@ def test_everybody_is_there_once_with_the_cameras_that_show_them_and_a_picture(t
         assert int(picture[0, 0, 0]) == 20 * p.view + p.number
         assert f'src="{p.name}.png"' in text
         assert p.sentence in text
+
+
+def test_pictures_are_found_whatever_a_camera_is_called(tmp_path: Path) -> None:
+    """A browser reads what follows # or ? as no part of a file's name, and %20 as a space."""
+    name = 'cam #1 50%20 "a"?.png'
+    page = _figure(PairPicture((0, 1), tmp_path / name, "two"), [], RIG.names, tmp_path)
+    (source,) = re.findall(r'src="([^"]*)"', page)
+    assert unquote(urlsplit(source).path) == name
+    person = portraits(footage(two_people()[0]))[0]
+    (source,) = re.findall(r'src="([^"]*)"', _people([(person, tmp_path / name)], tmp_path))
+    assert unquote(urlsplit(source).path) == name
 
 
 def test_nobody_is_shown_where_nobody_looks_and_where_nobody_is() -> None:

@@ -160,7 +160,30 @@ def test_an_orbit_goes_once_around_at_the_mean_radius_and_height() -> None:
     np.testing.assert_allclose(np.diff(angle), 2 * np.pi / 16, atol=1e-9)
     np.testing.assert_allclose(path.world_to_camera[0, 0], rig.world_to_camera[0], atol=3 * NEAR)
     assert path.size.tolist() == [[320, 240]]
-    np.testing.assert_allclose(path.intrinsics[0, 0], [[517.5, 0, 160], [0, 517.5, 120], [0, 0, 1]])
+    # The median of 500, 505 ... 535 px without the square picture's, whose angle of view is another's.
+    np.testing.assert_allclose(path.intrinsics[0, 0], [[515, 0, 160], [0, 515, 120], [0, 0, 1]])
+
+
+@pytest.mark.parametrize("larger", [(0, 2, 4), (0, 1, 2, 3, 4)])
+def test_an_orbit_of_cameras_of_several_sizes_has_their_angle_of_view(larger: tuple[int, ...]) -> None:
+    """And not that of the pixels of the larger ones over the picture of the smaller, which cuts the subject off."""
+    rig = ring(6, step=60)
+    for v in range(6):
+        times = 4 if v in larger else 1
+        rig.size[v] = (320 * times, 240 * times)
+        rig.intrinsics[v, :2] = np.array([[400.0, 0, 160], [0, 400, 120]]) * times
+    rig.intrinsics[5, [0, 1], [0, 1]] = 1600.0  # a close-up of one camera makes none of the orbit
+    path = make("orbit", 8, rig, ())
+    assert path.size[0, 0] / path.intrinsics[0, 0, 0, 0] == pytest.approx(320 / 400)
+
+
+def test_an_orbit_and_a_sway_of_a_single_camera_go_about_the_subject_as_far_away_as_is_said() -> None:
+    rig = ring(1)
+    for text in ("orbit", "sway"):
+        for distance in (2.0, 5.0):
+            path = make_path(text, rig, Views(rig.names, (0,), ()), np.arange(24), distance)
+            subject = rig.centres[0] + distance * rig.rotations[0, 2]
+            np.testing.assert_allclose(np.linalg.norm(centres(path)[:, 0] - subject, axis=1), distance)
 
 
 @pytest.mark.parametrize("count", [1, 2])

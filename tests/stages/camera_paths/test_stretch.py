@@ -148,6 +148,21 @@ def test_a_ring_passes_every_camera_and_two_rows_are_not_zigzagged() -> None:
     assert rows.views in (tuple(range(9)), tuple(range(9, 18)))
 
 
+@pytest.mark.parametrize("uneven", [0.0, 4.0])
+@pytest.mark.parametrize("rings", [(12, 0.0, 30.0, 60.0), (8, 0.0, 35.0, 70.0), (8, 60.0, 45.0, -5.0)])
+def test_in_a_dome_it_goes_around_the_subject_and_not_above_it(rings: tuple[float, ...], uneven: float) -> None:
+    """Hops along the steepest ring are the shortest ones, and none of the rings is quite as even as another."""
+    count, *elevations = rings
+    rng = np.random.default_rng(4)
+    steps = 360.0 / count * np.arange(count)
+    found = [(a + rng.normal(0, uneven), e, 2.0) for e in elevations for a in steps]
+    stretch = best_stretch(places(*found), range(len(found)))
+    assert stretch is not None
+    assert stretch.closed
+    assert len(stretch.views) == count
+    assert {found[v][1] for v in stretch.views} == {min(elevations, key=abs)}
+
+
 def test_past_cameras_above_each_other_the_path_goes_up_and_down() -> None:
     stack = rig_of([camera(on_ring(0, e), np.zeros(3)) for e in (0, 20, 40)])
     found = best_stretch(stack, range(3))

@@ -45,8 +45,55 @@ def test_pictures_are_believed_where_all_can_be_upright() -> None:
     np.testing.assert_allclose(up_direction(pair), -pair.rotations[:, 1].mean(axis=0), atol=0.02)
 
 
+def placed(*places: tuple[float, float], rolls: np.ndarray | float = 0.0) -> Rig:
+    """Cameras at (azimuth, elevation) that look at the origin."""
+    turns = np.broadcast_to(rolls, len(places))
+    return rig_of([camera(on_ring(*p), np.zeros(3), r) for p, r in zip(places, turns, strict=True)])
+
+
+ABOVE, BELOW = (0.0, 89.9), (70.0, -89.9)
+
+
+@pytest.mark.parametrize("roll", [0.0, 90.0])
+@pytest.mark.parametrize("steep", [(ABOVE,), (ABOVE, (140.0, 85.0)), (ABOVE, BELOW), ((20.0, 60.0), (100.0, 50.0))])
+@pytest.mark.parametrize("around", [3, 6, 20])
+def test_cameras_that_look_steeply_down_or_up_tilt_nothing(
+    around: int, steep: tuple[tuple[float, float], ...], roll: float
+) -> None:
+    # Up to 18 degrees by the mean of the upward axes, to which a camera straight above adds a horizontal one.
+    level = [(360.0 * i / around, 5.0) for i in range(around)]
+    assert off(placed(*level, *steep, rolls=roll)) < 1.5
+
+
+def test_a_half_of_a_dome_and_an_arc_from_above_are_upright() -> None:
+    half = [(a, e) for e, most in ((0.0, 75), (35.0, 60), (65.0, 45)) for a in np.linspace(-most, most, 5)]
+    assert off(placed(*half)) < 2.5
+    for height in (45.0, 60.0):
+        assert off(placed(*((a, height) for a in ARC))) < 3
+
+
+def test_rolled_cameras_say_up_as_well_with_a_camera_above_them_as_without() -> None:
+    rng, level = np.random.default_rng(5), [(45.0 * i, 5.0) for i in range(8)]
+    rolls = rng.normal(0, 3, (100, 9))
+    alone, above = (
+        [off(placed(*places, rolls=r[: len(places)])) for r in rolls] for places in (level, [*level, ABOVE])
+    )
+    assert np.mean(above) < np.mean(alone) + 0.2
+
+
+@pytest.mark.parametrize("elevation", [0, 15, 30])
+def test_where_nobody_looks_steeply_up_is_what_pictures_say_to_the_last_digit(elevation: float) -> None:
+    rig = placed(*((45.0 * i, elevation) for i in range(8)), rolls=np.random.default_rng(2).normal(0, 3, 8))
+    mean = -rig.rotations[:, 1].mean(axis=0)
+    np.testing.assert_array_equal(up_direction(rig), mean / np.linalg.norm(mean))
+
+
 def test_up_turns_with_the_world_and_not_with_the_order() -> None:
-    rig = around(ARC, [3.0, -5, 2, 8, -4])
+    for rig in (around(ARC, [3.0, -5, 2, 8, -4]), placed((0, 5), (50, 12), ABOVE, (130, 40), (200, 3))):
+        turns_with_the_world(rig)
+
+
+def turns_with_the_world(rig: Rig) -> None:
     turn = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
     turn *= np.linalg.det(turn)
     poses = rig.world_to_camera.copy()

@@ -48,6 +48,21 @@ def test_the_file_is_what_browsers_play(tmp_path):
     assert data.index(b"moov") < data.index(b"mdat")  # plays before it is whole
 
 
+@pytest.mark.parametrize("rate", [1 / 3600, 1 / 2500, 0.04, 23.976, 2000, 5000, 1e6])
+def test_every_frame_comes_at_its_time_however_slow_or_fast(tmp_path, rate):
+    write_video(tmp_path / "a.mp4", smooth(4, 32, 32), rate)
+    with av.open(str(tmp_path / "a.mp4")) as container:
+        times = [frame.time for frame in container.decode(video=0)]
+    np.testing.assert_allclose(times, np.arange(4) / rate, rtol=1e-3)
+
+
+@pytest.mark.parametrize("rate", [0.0, -25.0, 1e-5, 2e6, float("nan")])
+def test_a_rate_that_no_video_has_is_refused(tmp_path, rate):
+    with pytest.raises(UserError, match=r"a video has 1 in 3600 seconds to 1000000 a second"):
+        write_video(tmp_path / "a.mp4", smooth(2, 32, 32), rate)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_padding_repeats_the_edge(tmp_path):
     frames = np.full((2, 33, 33, 3), 200, np.uint8)
     write_video(tmp_path / "a.mp4", frames, 30)
