@@ -12,10 +12,12 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import numpy as np
+
 from posegaussian.dags.assets import lpips
 from posegaussian.dags.assets.wheels import LARGEST, Wheel, download, megabytes, member, sha256
 from posegaussian.stages.estimators.blazepose_files import BLAZEPOSE, FETCH, ModelFile, blazepose_folder
-from posegaussian.stages.estimators.description import read_description
+from posegaussian.stages.estimators.description import Description, read_description
 from posegaussian.stages.network.card import shipped
 from posegaussian.storage.files.write import write_atomically
 from posegaussian.storage.model.documents import read_bytes, reader_of
@@ -87,9 +89,11 @@ def fetch(name: str) -> list[str]:
 
 def add(files: Sequence[Path]) -> list[str]:
     """Take models from files the user has: the mediapipe or lpips wheel, single .tflite and .pth files, or descriptions
-    of ONNX models (.yaml), which are checked.
+    of ONNX models (.yaml), which are checked: their network
+    is opened and looks at a picture once.
 
-    Returns sentences about what was done; raises SourceError for a file that is missing or is not what was published.
+    Returns sentences about what was done; raises SourceError for a file that is missing or is not what was published,
+    and ConfigError for a description, or a network that does not fit it.
     """
     said: list[str] = []
     for file in files:
@@ -107,6 +111,7 @@ def add(files: Sequence[Path]) -> list[str]:
             said += _put({_which(file, content): content}, str(file))
         elif file.suffix in (".yaml", ".yml"):
             d = read_description(file)
+            _try(d)
             said.append(
                 f"{file} is good: {d.kind} model {d.path}, joints {d.joint_set}; use it with --set"
                 f" detection.estimator=onnx --set detection.model={file.resolve()}"
@@ -116,6 +121,15 @@ def add(files: Sequence[Path]) -> list[str]:
                 f"{file}: models come as .whl, .tflite or .pth, or as the description (.yaml) of an ONNX model"
             )
     return said
+
+
+def _try(described: Description) -> None:
+    """Let a network look at a grey picture once. Raises ConfigError where it is none or answers otherwise than is
+    described."""
+    from posegaussian.stages.estimators.onnx import OnnxEstimator
+
+    width, height = described.input
+    OnnxEstimator(described).find(np.full((height, width, 3), 128, np.uint8), 1)
 
 
 def _from_wheel(wheel: Path) -> list[str]:

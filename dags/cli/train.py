@@ -78,13 +78,13 @@ def train(
 
     if device not in ("auto", "cpu", "cuda"):
         raise ConfigError(f"--device {device}: auto, cpu or cuda")
-    settings = load_training(config, assignments or [])
+    folder = output or Path(f"training-{config.stem if config else 'default'}")
+    settings = load_training(config, assignments or [], folder)
     device = chosen_device(device)
     most = cores() if device == "cuda" else max(1, cores() // 2)
     own = most if workers is None else workers
     if output is not None:
         output_folder("train --output", output)
-    folder = output or Path(f"training-{config.stem if config else 'default'}")
     run(
         TrainingOrder(settings, folder, frames, minutes, threads or max(1, cores() - own), own, device),
         lambda line: say([line]),

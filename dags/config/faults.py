@@ -21,11 +21,18 @@ def faults_of(
         values: what it was given; places are those of its keys and items.
         unknown: what is to be said about a key that the model does not have; see `unknown_key`.
     """
-    out = []
-    for fault in error.errors():
+    out: dict[tuple[Location, str], None] = {}
+    faults = error.errors()
+    for fault in faults:
         location = _in_file(values, fault["loc"])
-        out.append((location, unknown(location) if fault["type"] == "extra_forbidden" else _sentence(fault)))
-    return out
+        if fault["type"] == "extra_forbidden":
+            said = unknown(location)
+        elif fault["type"] == "missing" and isinstance(fault["loc"][-1], int):
+            said = _too_few(fault, faults)
+        else:
+            said = _sentence(fault)
+        out[location, said] = None
+    return list(out)
 
 
 def unknown_key(name: str, known: Iterable[str], elsewhere: Sequence[str] = (), thing: str = "unknown key") -> str:
@@ -69,6 +76,13 @@ def _in_file(values: Any, location: Location) -> Location:
         elif n == len(location) - 1 and isinstance(node, Mapping) and part != "[key]":
             out.append(part)  # what is missing
     return tuple(out)
+
+
+def _too_few(fault: Mapping[str, Any], faults: Sequence[Mapping[str, Any]]) -> str:
+    """How many values a list is to have: pydantic names each of those that are not there."""
+    lacking = [f["loc"][-1] for f in faults if f["type"] == "missing" and f["loc"][:-1] == fault["loc"][:-1]]
+    given = len(fault["input"])
+    return f"{max(lacking) + 1} values are needed, {given} {'is' if given == 1 else 'are'} given"
 
 
 def _sentence(fault: Mapping[str, Any]) -> str:

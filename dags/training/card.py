@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from posegaussian.dags.humanize.text import number
+from posegaussian.dags.training.run_folder import skipped
 from posegaussian.stages.training.config import SHAPE, TrainingConfig
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ def card(config: TrainingConfig, step: int, machines: Mapping[str, float], rows:
         f"{number(scenes.count, 'simulated scene')} with {number(config.frames_per_scene, 'frame')} each, filmed at"
         f" {config.size} px by rings of {' or '.join(map(str, config.cameras))} cameras and arcs that lean; crops of"
         f" {config.crop} px, {number(config.batch, 'pair')} a step, over {' or '.join(_starts(config))}; step {step} of"
-        f" {config.steps}"
+        f" {config.steps}" + (f"; {skipped_told(lost, step)}" if (lost := skipped(rows)) else "")
     )
     start = f", continued from {config.start}" if config.start else ""
     return Card(
@@ -58,6 +59,11 @@ def card(config: TrainingConfig, step: int, machines: Mapping[str, float], rows:
             *([f"A final judgement: training was at step {step} of {config.steps}."] if step < config.steps else []),
         ),
     )
+
+
+def skipped_told(count: int, steps: int) -> str:
+    """That so many of the steps changed no weight."""
+    return f"{count} of {number(steps, 'step')} were skipped, their loss was not finite"
 
 
 def _starts(config: TrainingConfig) -> list[str]:

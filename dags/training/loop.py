@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from posegaussian.dags.humanize.text import gigabytes, number
 from posegaussian.dags.runtime.signals import interruptible
 from posegaussian.dags.runtime.threads import limit
-from posegaussian.dags.training.card import card
+from posegaussian.dags.training.card import card, skipped_told
 from posegaussian.dags.training.frame_producers import ProducedFrames, Producers, QueuedFrame
 from posegaussian.dags.training.run_folder import RunFolder, log_row
 from posegaussian.dags.training.state import packed, unpacked
@@ -35,6 +35,8 @@ QUIET_SECONDS = 20.0
 """Pause between two lines of progress."""
 DRAWN_SECONDS = 60.0
 """Pause between two drawings of the curves, which take a second each."""
+LOST = 50
+"""Steps in a row without a finite loss and gradient after which none is expected any more."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +85,7 @@ def train(order: TrainingOrder, say: Say, parts: Parts | None = None) -> None:
     Raises:
         ConfigError: for a folder that holds a training of another configuration.
         FrameError: for a frame that cannot be made, after a checkpoint.
+        UserError: after `LOST` steps in a row that were not finite, after a checkpoint.
         KeyboardInterrupt: after Ctrl-C and its checkpoint.
     """
     begin = time.monotonic()
@@ -125,13 +128,16 @@ class Training:
         self.producers = producers(self.config, order.frames or folder.root / "frames", parts, order.workers)
         self.frames = ProducedFrames(self.config, self.producers, lambda step: frames_of_step(self.config, step), say)
         self.device = chosen_device(order.device)
-        self.trainer: Trainer = resolve(parts.trainer)(self.config, self.device)
+        # what goes on has its weights in the checkpoint; the file that it began with may be gone
+        begun = self.config if checkpoint is None else self.config.model_copy(update={"start": None})
+        self.trainer: Trainer = resolve(parts.trainer)(begun, self.device)
         self.facts: dict[str, Any] = {"machines": {}, "circumstances": self._circumstances()}
         if checkpoint is not None:
             self._restore(checkpoint.data, checkpoint.facts)
         self.saved = checkpoint.step if checkpoint else 0
         self.first = self.trainer.step
-        self.skipped = 0
+        self.lost = 0
+        """Steps in a row, the last included, that were skipped."""
         self.said_at, self.said_step = time.monotonic(), self.first
         self.drawn_at = time.monotonic()
 
@@ -145,7 +151,7 @@ class Training:
         try:
             self._go()
         except UserError:
-            self._keep()  # a frame that cannot be made takes no step with it
+            self._keep()  # a frame that cannot be made, and steps that are lost, take no other step with them
             raise
         self._keep()
         self._draw()
@@ -168,13 +174,27 @@ class Training:
             if frames is None:
                 return
             numbers = trainer.advance(frames)
-            self.skipped = int(numbers.get("skipped", 0))
+            before = self.folder.skipped
             self.folder.note(log_row("step", trainer.step, {"phase": config.phase(trainer.step - 1), **numbers}))
+            self.lost = self.lost + 1 if self.folder.skipped > before else 0
+            if self.lost >= LOST:
+                raise UserError(self._lost())
             if trainer.step == self.first + 1:
                 self._say_bytes()
             self._say_progress(numbers)
             if trainer.step % config.checkpoint_every == 0:
                 self._keep()
+
+    def _lost(self) -> str:
+        """What to do about steps none of which is finite."""
+        config = self.config
+        exact = "" if config.precision == "float32" else " and --set precision=float32"
+        begun = f", or from other weights than {config.start}" if config.start else ""
+        return (
+            f"{self.lost} steps in a row up to step {self.trainer.step} were skipped, their loss or gradient was not"
+            " finite; the weights are those of before, and kept in a checkpoint. Begin anew in another --output with a"
+            f" learning_rate below {config.learning_rate:g}{exact}{begun}"
+        )
 
     def _goes_on(self) -> bool:
         return not self.stop.is_set() and time.monotonic() < self.deadline
@@ -277,7 +297,7 @@ class Training:
             for key, name, unit in (("loss", "loss", ""), ("epe", "EPE", " px"))
             if key in numbers
         )
-        skipped = f", {self.skipped} steps skipped" if self.skipped else ""
+        skipped = f", {self.folder.skipped} steps skipped" if self.folder.skipped else ""
         phase = self.config.phase(step - 1)
         self.say(
             f"step {step} of {self.config.steps} ({phase}){measured}, {rate:.2f} steps/s, {self.frames.ahead} frames"
@@ -288,9 +308,9 @@ class Training:
     def _say_end(self) -> None:
         step, minutes = self.trainer.step, (time.monotonic() - self.begin) / 60.0
         if step >= self.config.steps and self.folder.validated_at(step):
-            self.say(
-                f"done: {step} steps, {sum(self._machines().values()):.1f} minutes in all; {self.folder.weights_file}"
-            )
+            lost = f", {skipped_told(self.folder.skipped, step)}" if self.folder.skipped else ""
+            minutes = sum(self._machines().values())
+            self.say(f"done: {step} steps{lost}, {minutes:.1f} minutes in all; {self.folder.weights_file}")
         elif not self.stop.is_set():
             last = max((r["step"] for r in self.folder.rows if r["kind"] == "validation"), default=None)
             weights = (

@@ -8,12 +8,12 @@ import fcntl
 import json
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
 
 from posegaussian.dags.config.yaml_source import load
-from posegaussian.dags.training.config import differences, forbidden
+from posegaussian.dags.training.config import CHECKPOINTS, differences, forbidden
 from posegaussian.stages.training.config import TrainingConfig
 from posegaussian.storage.archive.checkpoints import Checkpoint, read_latest, steps_kept, write_checkpoint
 from posegaussian.storage.files.write import refusals, write_atomically
@@ -44,7 +44,7 @@ class RunFolder:
         self.root = root
         self.config_file = root / "config.yaml"
         self.log_file = root / "log.jsonl"
-        self.checkpoints = root / "checkpoints"
+        self.checkpoints = root / CHECKPOINTS
         self.weights_file = root / "weights.safetensors"
         self.picture_file = root / "training.png"
         self.rows: list[dict[str, Any]] = []
@@ -53,7 +53,8 @@ class RunFolder:
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
-        """Within, this process alone trains here; a kill frees the folder. Raises UserError where another one does."""
+        """Within, this process alone trains here; a kill frees the folder. Raises UserError where another one does, and
+        NotWritten where the log's last rows cannot be written."""
         with locked(
             self.root / ".lock", f"another training is running in {self.root}; wait for it or choose another --output"
         ):
@@ -61,7 +62,8 @@ class RunFolder:
                 yield
             finally:
                 if self._log:
-                    self._log.close()
+                    with refusals(self.log_file):  # a row that a full disk did not take is tried once more
+                        self._log.close()
                     self._log = None
 
     def take(self, config: TrainingConfig) -> list[str]:
@@ -107,6 +109,11 @@ class RunFolder:
             self._log.write(_line(row))
             self._log.flush()
 
+    @property
+    def skipped(self) -> int:
+        """Steps so far whose loss or gradient was not finite, and which changed no weight."""
+        return skipped(self.rows)
+
     def validated_at(self, step: int) -> bool:
         """Whether the log has a validation of this step."""
         return any(row["kind"] == "validation" and row["step"] == step for row in reversed(self.rows[-3:]))
@@ -127,6 +134,11 @@ def log_row(kind: str, step: int, numbers: Mapping[str, Any]) -> dict[str, Any]:
         "step": step,
         **{k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in plain.items()},
     }
+
+
+def skipped(rows: Sequence[Mapping[str, Any]]) -> int:
+    """How many of the steps in the rows of a log changed no weight, as the last of them says."""
+    return int(next((r.get("skipped") or 0 for r in reversed(rows) if r["kind"] == "step"), 0))
 
 
 def _line(row: Mapping[str, Any]) -> str:

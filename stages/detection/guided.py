@@ -16,7 +16,7 @@ from posegaussian.stages.contract.io import Inputs
 from posegaussian.stages.estimators.interface import Found
 from posegaussian.stages.following.association import associate
 from posegaussian.stages.geometry.points import NEAR, project, to_frames
-from posegaussian.stages.geometry.triangulation import triangulate
+from posegaussian.stages.geometry.triangulation import triangulate, unit_of
 from posegaussian.stages.imaging.camera_mapping import captured_positions, switched
 from posegaussian.stages.imaging.regions import MARGIN
 from posegaussian.storage.model.cameras import Rig
@@ -25,7 +25,7 @@ from posegaussian.storage.model.joint_sets import joint_set, to_set
 SCORE = 0.3
 """Least score of a joint that is triangulated."""
 RESIDUAL = 0.02
-"""Reprojection error above which a view's joint does not agree, as a share of the picture's longest side."""
+"""Reprojection error above which a view's joint does not agree, a share as `unit_of` has it."""
 FEWEST = 6
 """Joints in space below which there is nobody to look for."""
 AGREEING = 0.5
@@ -90,7 +90,8 @@ def _agrees(rig: Rig, view: int, seen: np.ndarray, joints3d: np.ndarray) -> bool
     """Whether enough of a view's joints [J, 3] lie where the joints in space [J, 4] are seen."""
     known = joints3d[:, 3] > 0
     pixels, _ = project(rig, joints3d[:, :3])
-    off = np.linalg.norm(pixels[:, view] - seen[:, :2], axis=-1) / rig.size[view].max()
+    unit = unit_of(rig, np.array([view]), seen[None], SCORE)[0]
+    off = np.linalg.norm(pixels[:, view] - seen[:, :2], axis=-1) / unit
     return bool(((seen[:, 2] >= SCORE) & (off < RESIDUAL))[known].mean() >= AGREEING)
 
 

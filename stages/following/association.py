@@ -21,11 +21,11 @@ from posegaussian.storage.model.cameras import Rig
 SCORE = 0.2
 """Least score of a joint that counts."""
 RESIDUAL = 0.02
-"""Reprojection error above which a joint does not agree, as a share of the picture's longest side."""
-OF_BODY = 0.1
-"""And as a share of the person's extent in the picture."""
+"""Reprojection error above which a joint does not agree, a share as `unit_of` has it: a tenth of a small person."""
 AGREEING = 0.2
 """Share of a detection's score that must agree with a hypothesis."""
+DOUBLED = 0.1
+"""Distance of two people in space over their extent below which only one can stand there."""
 SAME = 0.06
 """Median distance of a detection from the person in space, over its extent, up to which it is that person: on people
 who were filmed it is at most 0.03, and of somebody who hides another in a picture 0.055 and more."""
@@ -100,14 +100,9 @@ def _agreement(rig: Rig, views: np.ndarray, joints: np.ndarray) -> tuple[np.ndar
     plain = pairs_of(views)
     pairs = np.concatenate([plain, plain + np.array([0, count])])
     _, agreement = hypotheses(rig, tracks, pairs, RESIDUAL)
-    weights = tracks.weights.T
-    sizes = np.array([extent(np.where(j[:, 2:] >= SCORE, j, 0.0)) for j in joints]) / rig.size[views].max(axis=-1)
-    limit = np.minimum(RESIDUAL, OF_BODY * np.concatenate([sizes, sizes])) / RESIDUAL
-    # agreement is weight * (1 - r²), r in RESIDUALs: brought to the limit of each detection
-    square = 1.0 - agreement / np.where(weights > 0, weights, 1.0)
-    own = np.where(agreement > 0, weights * np.maximum(1.0 - square / np.maximum(limit, 1e-9) ** 2, 0.0), 0.0)
-    enough = ((own > 0).sum(axis=1) >= FEWEST) & (own.sum(axis=1) >= AGREEING * weights.sum(axis=0))
-    gain = np.where(enough, own.sum(axis=1), 0.0)
+    total = agreement.sum(axis=1)
+    enough = ((agreement > 0).sum(axis=1) >= FEWEST) & (total >= AGREEING * tracks.weights.sum(axis=1))
+    gain = np.where(enough, total, 0.0)
     own_way, mirrored = gain[:, :count], gain[:, count:]
     return np.maximum(own_way, mirrored), mirrored > own_way, np.concatenate([plain, plain])
 
@@ -155,4 +150,4 @@ def _shares(a: np.ndarray, b: np.ndarray) -> bool:
 
 def _doubled(a: np.ndarray, b: np.ndarray) -> bool:
     """Whether two people in space stand where only one can: two detections of the same person in one picture."""
-    return apart(a, b) < OF_BODY * max(extent(a), extent(b))
+    return apart(a, b) < DOUBLED * max(extent(a), extent(b))

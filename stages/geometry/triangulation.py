@@ -18,6 +18,11 @@ from posegaussian.storage.model.cameras import Rig
 
 MIN_ANGLE = np.deg2rad(1.0)
 """Two rays that meet under less than this say nothing about depth."""
+BODIES = 5.0
+"""Extents of a person in a picture that count as its longest side where they are shorter: who is small in a large
+picture errs by few of its pixels, and left and right lie a few apart."""
+FEWEST_TOLD = 4
+"""Joints of a detection below which its box says nothing about the person's extent."""
 MOST_PAIRS = 256
 """Pairs tried a frame; up to 23 tracks are searched exhaustively, more are thinned."""
 
@@ -36,6 +41,8 @@ class Tracks:
     """[T, J, 3] unit viewing directions in the world."""
     normal: np.ndarray
     """[T, J, 4, 4] normal matrix of each detection's two linear equations on the homogeneous world point."""
+    unit: np.ndarray
+    """[T] px of which bounds on residuals are shares, see `unit_of`."""
 
     @classmethod
     def of(cls, rig: Rig, views: np.ndarray, joints: np.ndarray, min_score: float) -> Tracks:
@@ -44,7 +51,24 @@ class Tracks:
         pose = rig.world_to_camera[views][:, None, None]
         rows = flat[..., None] * pose[..., 2, :] - pose[..., 0, :2, :]  # [T, J, 2, 4]: x r3 - r1, y r3 - r2
         weights = np.where(joints[..., 2] >= min_score, joints[..., 2], 0.0)
-        return cls(views, joints[..., :2], weights, directions, np.einsum("tjra,tjrb->tjab", rows, rows))
+        normal = np.einsum("tjra,tjrb->tjab", rows, rows)
+        return cls(views, joints[..., :2], weights, directions, normal, unit_of(rig, views, joints, min_score))
+
+
+def unit_of(rig: Rig, views: np.ndarray, joints: np.ndarray, min_score: float) -> np.ndarray:
+    """[T] px of which bounds on the residuals of detections [T, J, 3] in px of `rig` are shares: their picture's
+    longest side, or `BODIES` times the diagonal of the box of the joints of at least `min_score` where that is less.
+
+    A person whose box is a fifth of that side or more is judged by the picture alone.
+    """
+    told = joints[..., 2] >= min_score
+    low, high = (
+        pick(np.where(told[..., None], joints[..., :2], beyond), axis=1)
+        for pick, beyond in ((np.min, np.inf), (np.max, -np.inf))
+    )
+    longest = rig.size[views].max(axis=-1).astype(np.float64)
+    body = BODIES * np.linalg.norm(high - low, axis=-1)
+    return np.where((told.sum(axis=1) >= FEWEST_TOLD) & (body > 0), np.minimum(body, longest), longest)
 
 
 def pairs_of(views: np.ndarray) -> np.ndarray:
@@ -64,15 +88,13 @@ def pairs_of(views: np.ndarray) -> np.ndarray:
 
 
 def residuals(rig: Rig, tracks: Tracks, points: np.ndarray) -> np.ndarray:
-    """World points [..., J, 3] -> distance [..., J, T] to every track's detection as a share of its picture's longest
-    side.
+    """World points [..., J, 3] -> distance [..., J, T] px to every track's detection.
 
     Infinite where the point is not in front of the track's camera.
     """
     pixels, depth = project(rig, points)
     off = pixels[..., tracks.views, :] - np.moveaxis(tracks.pixels, 0, 1)
-    share = np.linalg.norm(off, axis=-1) / rig.size[tracks.views].max(axis=-1)
-    return np.where(depth[..., tracks.views] > NEAR, share, np.inf)
+    return np.where(depth[..., tracks.views] > NEAR, np.linalg.norm(off, axis=-1), np.inf)
 
 
 def _solve(normal: np.ndarray) -> np.ndarray:
@@ -91,12 +113,12 @@ def meeting(tracks: Tracks, weights: np.ndarray) -> np.ndarray:
 def hypotheses(rig: Rig, tracks: Tracks, pairs: np.ndarray, max_residual: float) -> tuple[np.ndarray, np.ndarray]:
     """For every pair [P, 2]: points [P, J, 3] and agreement [P, J, T] in 0..1 of every track with them.
 
-    Agreement is score * (1 - min(r / max_residual, 1)^2); all zero for a joint that a track of the pair lacks, whose
-    rays are nearly parallel, or that does not even fit the pair itself.
+    Agreement is score * (1 - min(r / max_residual, 1)^2), r a share of the track's unit; all zero for a
+    joint that a track of the pair lacks, whose rays are nearly parallel, or that does not even fit the pair itself.
     """
     a, b = pairs.T
     points = _solve(tracks.normal[a] + tracks.normal[b])
-    share = np.minimum(residuals(rig, tracks, points) / max_residual, 1.0)
+    share = np.minimum(residuals(rig, tracks, points) / tracks.unit / max_residual, 1.0)
     agreement = tracks.weights.T * (1.0 - share**2)
     each = np.arange(len(pairs))
     sound = _wide(tracks, pairs) & (agreement[each, :, a] > 0) & (agreement[each, :, b] > 0)
@@ -111,14 +133,14 @@ def _wide(tracks: Tracks, pairs: np.ndarray) -> np.ndarray:
 
 def _gauss_newton(rig: Rig, tracks: Tracks, weights: np.ndarray, points: np.ndarray, steps: int = 3) -> np.ndarray:
     """Refine points [J, 3] to the least weighted squared residual (weights [J, T]);
-    a step that does not improve is not taken."""
+    a step that does not improve is not taken. Residuals are shares of each picture's longest side."""
+    longest = rig.size[tracks.views].max(axis=-1)[:, None, None]
 
     def cost(p: np.ndarray) -> np.ndarray:
-        r = np.where(weights > 0, residuals(rig, tracks, p), 0.0)
+        r = np.where(weights > 0, residuals(rig, tracks, p) / longest[:, 0, 0], 0.0)
         return (weights * r**2).sum(-1)
 
     k, pose = rig.intrinsics[tracks.views], rig.world_to_camera[tracks.views]
-    longest = rig.size[tracks.views].max(axis=-1)[:, None, None]
     best = cost(points)
     for _ in range(steps):
         camera = np.einsum("tij,nj->nti", pose[:, :3, :3], points) + pose[:, :3, 3]
@@ -143,7 +165,7 @@ def triangulate(rig: Rig, joints: np.ndarray, min_score: float, max_residual: fl
     """Joints [V, J, 3] (u, v, score) of one frame in pixels of `rig` (no lens) -> [J, 4] (x, y, z, score), world
     metres.
 
-    A joint is known when at least two views under an angle agree within `max_residual` (share of the longest side) on a
+    A joint is known when at least two views under an angle agree within `max_residual` (a share, see `unit_of`) on a
     point in front of them; else it is all zeros. Score: the sum of the agreeing views' scores over the number of views
     that saw the joint, that is mean inlier score times inlier share.
     """
@@ -161,7 +183,7 @@ def triangulate(rig: Rig, joints: np.ndarray, min_score: float, max_residual: fl
         linear = meeting(tracks, weights)
         worst = np.where(inlier, residuals(rig, tracks, linear), 0.0).max(-1, keepdims=True)
         points = _gauss_newton(rig, tracks, weights, np.where(worst < np.inf, linear, points))
-        inlier = seen & (residuals(rig, tracks, points) < max_residual)
+        inlier = seen & (residuals(rig, tracks, points) / tracks.unit < max_residual)
     a, b = pairs.T
     known = (_wide(tracks, pairs) & inlier.T[a] & inlier.T[b]).any(axis=0)
     score = (tracks.weights.T * inlier).sum(-1) / np.maximum(seen.sum(-1), 1)

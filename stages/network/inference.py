@@ -6,6 +6,7 @@ Only changes are pulled back, not values: where the network says nothing, a view
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
@@ -26,6 +27,7 @@ from posegaussian.stages.network.model.pairs import (
     SourceView,
     rectified_pair,
     single_view,
+    too_large,
     window_around,
     windows,
 )
@@ -119,14 +121,16 @@ def look_alone(
     iterations: int,
     precision: str,
     timer: Timer | None = None,
+    left_out: Counter[int] | None = None,
 ) -> Learned | None:
-    """What is learnt about a view without a partner, whose start is a relief; None where it shows nobody. `timer` as in
-    `look`."""
+    """What is learnt about a view without a partner, whose start is a relief; None where it shows nobody. `timer` and
+    `left_out` as in `look`."""
     clock = timer or (lambda name: nullcontext())
     with clock("rectification"):
         pair = single_pair(rig, view, look_at_point(rig.subset([view])), _scale(rig, (view,)))
         window = window_around(pair, shown.depth > 0, network.preset.stride)
-        if window is None:
+        if window is None or too_large(pair, window):
+            _count(left_out, (view,), window)
             return None
         rectified = single_view(pair, shown, (window, beside(pair, window)), network.joints)
     prediction = predict(network, rectified, iterations, precision, timer)
@@ -142,9 +146,11 @@ def look(
     iterations: int,
     precision: str,
     timer: Timer | None = None,
+    left_out: Counter[int] | None = None,
 ) -> dict[int, Learned]:
     """What is learnt about every view that has a pair;
-    `timer` is told of `rectification`, the network's modules and `pulling back`."""
+    `timer` is told of `rectification`, the network's modules and `pulling back`, and `left_out` counts, by view, the
+    pairs that were not looked at as too large."""
     clock = timer or (lambda name: nullcontext())
     found: dict[int, list[Learned]] = {}
     parts = {v: part_around(shown.depth > 0, 0) for v, shown in views.items()}
@@ -152,7 +158,8 @@ def look(
         shown = (views[pair.views[0]], views[pair.views[1]])
         with clock("rectification"):
             around = windows(pair, (shown[0].depth > 0, shown[1].depth > 0), network.preset.stride)
-            if around is None:
+            if around is None or too_large(pair, around[0]):
+                _count(left_out, pair.views, around)
                 continue
             rectified = rectified_pair(pair, shown, around, joints=network.joints)
             if network.preset.further_views:
@@ -171,6 +178,12 @@ def look(
                 found.setdefault(view, []).append(looks.along_axes(said, pair, which, leaning(network.preset)))
     with clock("pulling back"):
         return {v: _merged(said).of_whole(parts[v], views[v].depth.shape) for v, said in found.items()}
+
+
+def _count(left_out: Counter[int] | None, views: tuple[int, ...], window: object | None) -> None:
+    """Count views whose pair has a window and is not looked at."""
+    if left_out is not None and window is not None:
+        left_out.update(views)
 
 
 def predict(

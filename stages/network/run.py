@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 
@@ -11,6 +12,7 @@ from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.contract.reading import read_together
 from posegaussian.stages.contract.timing import TimedInputs
 from posegaussian.stages.depth.algorithms.smooth_disparity import even
+from posegaussian.stages.geometry.rectification import STRETCH
 from posegaussian.stages.matching.fuse import MATCHED
 from posegaussian.stages.network.inference import NUMBERS, Learned, Looks, leaning, look, look_alone, refined
 from posegaussian.stages.network.model.network import PoseGaussianNetwork
@@ -47,6 +49,7 @@ def run(inputs: TimedInputs, params: NetworkParams) -> Iterator[Block]:
     numbers = {v: np.zeros((shape[0], NUMBERS, *shape[1:]), np.float16) for v in sources}
     turn = {v: np.zeros((shape[0], 1, *shape[1:]), np.float16) for v in sources}
     axes = np.zeros((len(inputs.rig), shape[0], 1), np.float32)
+    left_out = Counter[int]()
 
     @cache
     def looks(valid: tuple[int, ...]) -> Looks:
@@ -59,7 +62,7 @@ def run(inputs: TimedInputs, params: NetworkParams) -> Iterator[Block]:
         for v, view in filmed.items():
             depth[v][f] = view.depth
         shown = {v: filmed[v] for v in valid}
-        for v, learned in _learned(inputs, network, params, looks, shown).items():
+        for v, learned in _learned(inputs, network, params, looks, shown, left_out).items():
             with inputs.timed("pulling back"):
                 sensitivity = looks(valid).sensitivity(v) if len(valid) > 1 else 0.0
                 depth[v][f] = evened(depth[v][f], refined(depth[v][f], learned), learned.confidence, sensitivity)
@@ -70,7 +73,7 @@ def run(inputs: TimedInputs, params: NetworkParams) -> Iterator[Block]:
         yield Block("network/depth", depth.get(v, np.zeros(shape, np.float32)), v)
         yield Block("network/confidence", confidence.get(v, np.zeros(shape, np.float16)), v)
         mean = _mean(depth[v], confidence[v]) if v in sources else np.zeros((shape[0], 1), np.float32)
-        yield Block("network/share", mean, v, notes=_note(mean) if v in sources else ())
+        yield Block("network/share", mean, v, notes=_note(mean, left_out[v]) if v in sources else ())
         yield Block("network/blend", blend.get(v, np.zeros(shape, np.float16)), v)
         yield Block("network/numbers", numbers.get(v, np.zeros((shape[0], NUMBERS, *shape[1:]), np.float16)), v)
         if QUATERNIONS in inputs.facts:
@@ -108,19 +111,21 @@ def _learned(
     params: NetworkParams,
     looks: Callable[[tuple[int, ...]], Looks],
     shown: Mapping[int, SourceView],
+    left_out: Counter[int],
 ) -> dict[int, Learned]:
-    """What is learnt about the views of one frame, held within each other's silhouettes."""
+    """What is learnt about the views of one frame, held within each other's silhouettes; `left_out` as in `look`."""
     rig, (precision, _) = inputs.rig, precision_of(params, inputs.facts)
     if len(inputs.views.sources) == 1:
         if not network.preset.alone:
             return {}
         alone = {
-            v: look_alone(network, rig, v, s, params.iterations, precision, inputs.timed) for v, s in shown.items()
+            v: look_alone(network, rig, v, s, params.iterations, precision, inputs.timed, left_out)
+            for v, s in shown.items()
         }
         return {v: said for v, said in alone.items() if said is not None}
     if len(shown) < 2:
         return {}
-    found = look(network, looks(tuple(shown)), shown, params.iterations, precision, inputs.timed)
+    found = look(network, looks(tuple(shown)), shown, params.iterations, precision, inputs.timed, left_out)
     with inputs.timed("silhouettes"):
         silhouettes = silhouettes_of(rig, {u: s.mask for u, s in shown.items()})
         return {v: held(rig, v, shown[v].depth, said, silhouettes) for v, said in found.items()}
@@ -167,12 +172,24 @@ def _mean(depth: np.ndarray, confidence: np.ndarray) -> np.ndarray:
     return (total / np.maximum(surface.sum(axis=(1, 2)), 1)).astype(np.float32)[:, None]
 
 
-def _note(found: np.ndarray) -> tuple[str, ...]:
-    """A sentence about a view of which the network says hardly anything; `found` as `_mean` gives it."""
+def _note(found: np.ndarray, left_out: int) -> tuple[str, ...]:
+    """Sentences about a view of which the network says hardly anything, `found` as `_mean` gives it, and of which so
+    many pairs, of all frames together, were left out."""
     mean = float(found[found > 0].mean()) if (found > 0).any() else 0.0
+    large = (
+        (
+            (
+                f"{left_out} of its pairs in these frames were not shown to the network: rectified, what the masks hold"
+                f" takes more than {STRETCH:g} pictures; look for parts of the masks at the rim that are no person"
+            ),
+        )
+        if left_out
+        else ()
+    )
     if mean >= SURE:
-        return ()
+        return large
     return (
+        *large,
         (
             f"the network's mean confidence is {mean:.2f} (at least {SURE:g} expected): the analytic depth stands,"
             " network.weights=none gives the same sooner"

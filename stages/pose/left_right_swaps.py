@@ -120,7 +120,7 @@ def _evidence(
     out = []
     for candidate in (joints, joints[:, sides.flips]):
         tracks = Tracks.of(rig, views, candidate, min_score)
-        share = np.minimum(residuals(rig, tracks, points[:, :3]) / max_residual, 1.0)
+        share = np.minimum(residuals(rig, tracks, points[:, :3]) / tracks.unit / max_residual, 1.0)
         out.append((np.where(points[:, 3:] > 0, tracks.weights.T * (1.0 - share**2), 0.0).T) @ parts)
     weights = np.where(joints[..., 2] >= min_score, joints[..., 2], 0.0)
     return out[0], out[1], weights @ parts

@@ -24,7 +24,8 @@ class PoseParams(Params):
     min_score: float = setting(0.2, "Detections below this score are not triangulated.", ge=0, le=1)
     max_residual: float = setting(
         0.02,
-        "Reprojection error above which a view's detection is an outlier, as a share of the picture's longest side.",
+        "Reprojection error above which a view's detection is an outlier, as a share of the picture's longest side, or"
+        " of five times the person's extent in it where that is less.",
         gt=0,
         le=0.5,
     )

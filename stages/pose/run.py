@@ -10,6 +10,7 @@ import numpy as np
 from posegaussian.stages.contract.facts import ESTIMATED, JOINTS3D, SEGMENTED, SINGLE_SOURCE, TRACKED, Facts
 from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.geometry.points import NEAR, focus, project
+from posegaussian.stages.geometry.triangulation import unit_of
 from posegaussian.stages.pose.facts import POSE_HEATMAPS
 from posegaussian.stages.pose.heatmaps import draw, grid_of
 from posegaussian.stages.pose.jumps import jumps_told
@@ -118,7 +119,8 @@ def _in_views(
     """
     pixels, depth = (np.moveaxis(a, 0, 1) for a in project(rig, joints3d[:, :3]))
     known = (joints3d[:, 3] > 0) & (depth > NEAR)
-    off = np.linalg.norm(detected[..., :2] - pixels, axis=-1) / rig.size.max(axis=-1)[:, None]
+    unit = unit_of(rig, np.arange(len(rig)), detected, params.min_score)
+    off = np.linalg.norm(detected[..., :2] - pixels, axis=-1) / unit[:, None]
     agrees = (detected[..., 2] >= params.min_score) & (off < params.max_residual)
     stands = (detected[..., 2] > 0) & (agrees | ~known)
     filled = np.concatenate([pixels, np.broadcast_to(joints3d[:, 3:], (*depth.shape, 1))], axis=-1)

@@ -24,7 +24,7 @@ def unneeded(params: PoseParams, facts: Facts) -> str | None:
 STAGE = Stage(
     name="pose",
     summary="Triangulate joints across views, mend swapped sides and gaps over time, encode heatmaps.",
-    version=3,
+    version=4,
     run="posegaussian.stages.pose.run:run",
     check="posegaussian.stages.pose.run:check",
     reads=(

@@ -10,17 +10,19 @@ import numpy as np
 
 from posegaussian.stages.geometry.projection import project
 from posegaussian.stages.simulator.effects.base import generator
-from posegaussian.stages.simulator.scene import Arc, Dome, Listed, Ring, Scene, SceneCamera, Stereo, THuman
+from posegaussian.stages.simulator.scene import NOWHERE, Arc, Dome, Listed, Ring, Scene, SceneCamera, Stereo, THuman
 from posegaussian.storage.model.cameras import Rig, camera_centre, rigid
+from posegaussian.storage.model.errors import ConfigError
 
 
 def pointed(centre: np.ndarray, target: np.ndarray, up: Sequence[float], roll: float) -> np.ndarray:
-    """[4, 4] world_to_camera at `centre` [3] towards `target` [3], `up` upwards in the picture,
+    """[4, 4] world_to_camera at `centre` [3] towards `target` [3], which is elsewhere, `up` upwards in the picture,
     then rolled by degrees."""
     forward = (target - centre) / np.linalg.norm(target - centre)
     right = np.cross(forward, up)
     if np.linalg.norm(right) < 1e-9:  # straight up or down: left of the picture is left of the subject
-        right = np.array([0.0, -1.0, 0.0])
+        right = np.array([1.0, 0.0, 0.0] if abs(forward[1]) > 0.9 else [0.0, -1.0, 0.0])
+        right = right - (right @ forward) * forward
     right /= np.linalg.norm(right)
     rotation = np.stack([right, np.cross(forward, right), forward])
     a = math.radians(roll)
@@ -44,7 +46,7 @@ def _turns(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     if isinstance(rig, Arc):
         return (np.linspace(-rig.span / 2, rig.span / 2, n) if n > 1 else np.zeros(1)) + rig.start, np.zeros(n)
     if isinstance(rig, Dome):
-        of_ring = np.array([len(a) for a in np.array_split(np.arange(n), rig.rings)])
+        of_ring = rig.of_ring
         around = np.concatenate([360.0 * (np.arange(k) + 0.5 * (r % 2)) / max(k, 1) for r, k in enumerate(of_ring)])
         above = np.repeat(np.linspace(0.0, rig.top, rig.rings) if rig.rings > 1 else np.zeros(1), of_ring)
         return around + rig.start, above
@@ -59,7 +61,8 @@ def make_rig(scene: Scene, span: tuple[float, float]) -> tuple[Rig, int]:
     """The true cameras of a scene, source cameras first, and how many of them are sources.
 
     span: metres above the ground from the subject's lowest to its highest point; cameras look at its middle. Held-out
-    cameras given by number stand midway between neighbours, spread over the rig, with the lens of the rig.
+    cameras given by number stand midway between neighbours, spread over the rig, with the lens of the rig. Raises
+    ConfigError for a listed camera that stands where it looks.
     """
     target, subject_height = np.array([0.0, 0.0, (span[0] + span[1]) / 2]), span[1] - span[0]
     rows: list[tuple[str, np.ndarray, np.ndarray, tuple[int, int]]] = []
@@ -82,8 +85,11 @@ def make_rig(scene: Scene, span: tuple[float, float]) -> tuple[Rig, int]:
         for v in range(sources):
             away = generator(scene.seed, "jitter", v).normal(size=3) * scene.rig.jitter
             centre = camera_centre(poses[v]) + away
-            roll = scene.rig.cameras[v].roll if isinstance(scene.rig, Listed) else _roll(scene, rows[v][0])
-            poses[v] = pointed(centre, target, (0, 0, 1), roll)
+            if isinstance(scene.rig, Listed):
+                camera = scene.rig.cameras[v]
+                poses[v] = pointed(centre, _looked_at(camera, target), camera.up, camera.roll)
+            else:
+                poses[v] = pointed(centre, target, (0, 0, 1), _roll(scene, rows[v][0]))
     return (
         Rig(
             tuple(r[0] for r in rows),
@@ -136,20 +142,15 @@ def _gaps(scene: Scene) -> list[tuple[float, float]]:
     assert not isinstance(scene.rig, Listed)
     around, above = _turns(scene)
     n = len(around)
-    closed = isinstance(scene.rig, Ring) or scene.rig.kind == "thuman"
+    chosen = np.linspace(0, scene.rig.gaps, scene.held_out, endpoint=False).astype(int)
     if isinstance(scene.rig, Stereo):  # the middle of a pair
-        pairs = np.linspace(0, n // 2, scene.held_out, endpoint=False).astype(int)
-        return [((around[2 * p] + around[2 * p + 1]) / 2, 0.0) for p in pairs]
-    firsts = np.linspace(0, n if closed else n - 1, scene.held_out, endpoint=False).astype(int)
-    step = 360.0 / n
-    return [
-        (
-            (around[i] + step / 2, above[i])
-            if closed
-            else ((around[i] + around[min(i + 1, n - 1)]) / 2, (above[i] + above[min(i + 1, n - 1)]) / 2)
-        )
-        for i in firsts
-    ]
+        return [((around[2 * p] + around[2 * p + 1]) / 2, 0.0) for p in chosen]
+    if isinstance(scene.rig, Arc):
+        return [((around[i] + around[i + 1]) / 2, (above[i] + above[i + 1]) / 2) for i in chosen]
+    of_ring = scene.rig.of_ring if isinstance(scene.rig, Dome) else [n]
+    steps = np.repeat([360.0 / max(k, 1) for k in of_ring], of_ring)
+    alone = np.repeat([k == 1 for k in of_ring], of_ring) if isinstance(scene.rig, Dome) else np.zeros(n, dtype=bool)
+    return [(around[i] + steps[i] / 2, above[i]) for i in np.flatnonzero(~alone)[chosen]]
 
 
 def _placed(
@@ -196,11 +197,20 @@ def _tilted(rig: Ring | Arc | Dome | Stereo | THuman, around: float) -> np.ndarr
     return on @ about_x @ on.T
 
 
+def _looked_at(camera: SceneCamera, middle: np.ndarray) -> np.ndarray:
+    """[3] where a listed camera looks; `middle` [3] of the subject."""
+    return middle if camera.look_at is None else np.array(camera.look_at)
+
+
 def _listed(
     camera: SceneCamera, target: np.ndarray, subject_height: float
 ) -> tuple[str, np.ndarray, np.ndarray, tuple[int, int]]:
-    centre = np.array(camera.position)
-    at = target if camera.look_at is None else np.array(camera.look_at)
+    centre, at = np.array(camera.position), _looked_at(camera, target)
+    if np.linalg.norm(centre - at) < NOWHERE:
+        raise ConfigError(
+            f"camera {camera.name} stands at {camera.position}, the middle of the subject, which it looks at; move it,"
+            " or name another look_at"
+        )
     pose = pointed(centre, at, camera.up, camera.roll)
     return (
         camera.name,

@@ -122,6 +122,11 @@ class _Around(_Lens):
         ),
     )
 
+    @property
+    def gaps(self) -> int:
+        """Gaps between neighbours, where held-out cameras can stand."""
+        return self.cameras
+
 
 class Ring(_Around):
     """Cameras evenly all around."""
@@ -135,6 +140,11 @@ class Arc(_Around):
     kind: Literal["arc"]
     span: float = Field(120.0, gt=0, lt=360, description="Degrees from the first to the last camera.")
 
+    @property
+    def gaps(self) -> int:
+        """Those between the first camera and the last."""
+        return self.cameras - 1
+
 
 class Dome(_Around):
     """Rings above each other, shifted against each other by half a gap."""
@@ -145,6 +155,17 @@ class Dome(_Around):
         60.0, gt=0, lt=90, description="Degrees above the horizon of the uppermost ring; the lowest looks level."
     )
 
+    @property
+    def of_ring(self) -> list[int]:
+        """Number of cameras of each ring, the lowest first; lower ones have what is left over."""
+        each, left = divmod(self.cameras, self.rings)
+        return [each + (r < left) for r in range(self.rings)]
+
+    @property
+    def gaps(self) -> int:
+        """Those within the rings; a single camera has no neighbour."""
+        return sum(k for k in self.of_ring if k > 1)
+
 
 class Stereo(_Around):
     """Pairs of cameras side by side, evenly around; `cameras` is twice the number of pairs."""
@@ -152,6 +173,11 @@ class Stereo(_Around):
     kind: Literal["stereo"]
     cameras: int = Field(8, ge=2, le=256, multiple_of=2, description="Number of source cameras.")
     baseline: float = Field(0.35, gt=0, description="Distance of the two cameras of a pair.")
+
+    @property
+    def gaps(self) -> int:
+        """Those within the pairs."""
+        return self.cameras // 2
 
 
 class THuman(_Around):
@@ -242,7 +268,11 @@ class Scene(Params):
     motion: Motion = Field(Motion.model_validate({}), description="What a person does; a scan only turns.")
     rig: AnyRig = Field(Ring.model_validate({}), description="Source cameras.")
     held_out: int | list[SceneCamera] = Field(
-        0, description="Cameras to compare with: a number of them midway between source cameras, or a list."
+        0,
+        description=(
+            "Cameras to compare with: a number of them midway between neighbours, at most one a gap (of an arc, of a"
+            " ring of a dome, of a pair of stereo), or a list."
+        ),
     )
     effects: SceneEffects = Field(SceneEffects(), description="What is simulated besides the plain picture.")
 
@@ -258,6 +288,8 @@ BODY_RADIUS, BODY_HEIGHT = 0.35, 2.0
 """Within this cylinder about the origin a camera is taken to be inside a person, metres."""
 
 
+NOWHERE = 1e-6
+"""Metres from a camera within which there is no direction to look in."""
 LARGEST = 1e5
 """Of any number of a scene but its seed: lengths in metres, angles in degrees, times in seconds."""
 
@@ -320,21 +352,29 @@ def faults(scene: Scene) -> list[tuple[tuple[str | int, ...], str]]:
                             ),
                         )
                     )
-    names = [c.name for c in scene.rig.cameras] if isinstance(scene.rig, Listed) else []
-    names += [c.name for c in scene.held_out] if isinstance(scene.held_out, list) else []
+    listed = [
+        *((("rig", "cameras", i), c) for i, c in enumerate(scene.rig.cameras if isinstance(scene.rig, Listed) else [])),
+        *((("held_out", i), c) for i, c in enumerate(scene.held_out if isinstance(scene.held_out, list) else [])),
+    ]
+    out += [
+        (place, f"camera {c.name} looks at where it stands, {tuple(c.position)}; name another look_at")
+        for place, c in listed
+        if c.look_at is not None and math.dist(c.position, c.look_at) < NOWHERE
+    ]
+    names = [c.name for _, c in listed]
     out += [
         (("rig", "cameras"), f"camera name {n!r} is given twice; names must be unique")
         for n in sorted({n for n in names if names.count(n) > 1})
     ]
     if isinstance(scene.held_out, int):
-        gaps = 0 if isinstance(scene.rig, Listed) else scene.rig.cameras
+        count, gaps = (0, 0) if isinstance(scene.rig, Listed) else (scene.rig.cameras, scene.rig.gaps)
         if scene.held_out < 0 or scene.held_out > gaps:
             out.append(
                 (
                     ("held_out",),
                     (
-                        f"{scene.held_out} held-out cameras between {gaps} cameras of a rig; at most one a gap, 0 for a"
-                        " list (list them too)"
+                        f"{scene.held_out} held-out cameras between {count} cameras of a rig, which has {gaps} gaps;"
+                        " at most one a gap, 0 for a list (list them too)"
                     ),
                 )
             )

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 
+from posegaussian.stages.network.card import WeightsError
 from posegaussian.stages.training.config import TrainingConfig
 from posegaussian.stages.training.contract import Frame
 from tests.support.fake_frames import behaviour, frames_of_step
@@ -18,6 +20,8 @@ class Trainer:
     """AdamW on a line, with an average of its weights."""
 
     def __init__(self, config: TrainingConfig, device: str = "cpu") -> None:
+        if config.start is not None and not Path(config.start).is_file():
+            raise WeightsError(f"no weights {config.start}")
         generator = torch.Generator().manual_seed(config.seed)
         self.config, self.step, self.skipped = config, 0, 0
         self.line = torch.nn.Linear(8, 1)
@@ -36,12 +40,16 @@ class Trainer:
         error = (
             (self.line(torch.from_numpy(frame["x"][rows]))[:, 0] - torch.from_numpy(frame["y"][rows])).square().mean()
         )
-        self.optimizer.zero_grad()
-        error.backward()
-        self.optimizer.step()
-        with torch.no_grad():
-            for k, v in self.line.state_dict().items():
-                self.ema[k].lerp_(v, 0.1)
+        if self.step in range(*behaviour().get("infinite", (0, 0))):
+            error = error * torch.inf
+            self.skipped += 1
+        else:
+            self.optimizer.zero_grad()
+            error.backward()
+            self.optimizer.step()
+            with torch.no_grad():
+                for k, v in self.line.state_dict().items():
+                    self.ema[k].lerp_(v, 0.1)
         self.step += 1
         return {"loss": error.item(), "epe": error.item() ** 0.5, "skipped": float(self.skipped)}
 

@@ -14,7 +14,7 @@ import torch
 import torch.nn.functional as F
 
 from posegaussian.stages.geometry.projection import pixel_centres
-from posegaussian.stages.geometry.rectification import RectifiedPair, Window
+from posegaussian.stages.geometry.rectification import STRETCH, RectifiedPair, Window
 from posegaussian.stages.network.model.disparity import Coding
 from posegaussian.stages.network.model.encoders import HEATMAP_CELL
 from posegaussian.stages.network.model.quarters import Quarters
@@ -351,6 +351,12 @@ def windows(pair: RectifiedPair, inside: tuple[np.ndarray, np.ndarray], multiple
     return (first[0], top, width, height), (second[0], top, width, height)
 
 
+def too_large(pair: RectifiedPair, window: Window) -> bool:
+    """Whether a window holds more than `STRETCH` times the pixels of the larger of the pair's pictures, as large as
+    they are looked at: that is no person, and takes memory and minutes that nobody expects."""
+    return window[2] * window[3] > STRETCH * pair.scale**2 * float(pair.source_size.prod(axis=1).max())
+
+
 def window_around(pair: RectifiedPair, inside: np.ndarray, multiple: int) -> Window | None:
     """The window of what is wanted of the first view alone, [h, w] bool, as `windows` has it; None where that is
     nothing."""
@@ -362,12 +368,15 @@ def window_around(pair: RectifiedPair, inside: np.ndarray, multiple: int) -> Win
 
 
 def _box(pair: RectifiedPair, which: int, inside: np.ndarray) -> tuple[int, int, int, int] | None:
-    """Left, top, right and bottom, px of the rectified frame."""
+    """Left, top, right and bottom, px of the rectified frame, around what is drawn out by at most `STRETCH` times as
+    much as the middle of what is wanted: a blob at the rim of a wide lens has no end there, and of what lies beside
+    the window nothing is said."""
     rows, columns = np.nonzero(inside)
     pixels, ratio = pair.rectified_pixels(which, np.stack([columns, rows], axis=-1) + pixel_centres((1, 1))[0, 0])
-    pixels = pixels[ratio > 0]
+    pixels, ratio = pixels[ratio > 0], ratio[ratio > 0]
     if not len(pixels):
         return None
+    pixels = pixels[STRETCH * ratio**3 >= np.median(ratio) ** 3]
     low, high = np.floor(pixels.min(axis=0) - MARGIN).astype(int), np.ceil(pixels.max(axis=0) + MARGIN).astype(int)
     return int(low[0]), int(low[1]), int(high[0]), int(high[1])
 

@@ -202,4 +202,4 @@ def _points(tracks: Tracks, views: Sequence[int]) -> np.ndarray:
 
 def _off(rig: Rig, tracks: Tracks, points: np.ndarray) -> np.ndarray:
     """[N, S] px of a picture of `SIDE` px from world points to the joints of every camera."""
-    return residuals(rig, tracks, points) * SIDE
+    return residuals(rig, tracks, points) / rig.size[tracks.views].max(axis=-1) * SIDE

@@ -19,7 +19,7 @@ from posegaussian.storage.model.joint_sets import joint_set, to_set
 SCORE = 0.3
 """Least score of a joint that is triangulated."""
 RESIDUAL = 0.02
-"""Reprojection error above which a view's joint is an outlier, as a share of the picture's longest side."""
+"""Reprojection error above which a view's joint is an outlier, a share as `unit_of` has it."""
 FITTING = 0.015
 """Distance of a view's joint from the triangulated one up to which it fits, over the picture's longer side: 3 cm
 where a person of 1.75 m fills the picture, and the triangulated joint, a mean over views, is nearer to the true one

@@ -11,8 +11,9 @@ from pathlib import Path
 import pytest
 
 from posegaussian.dags.assets import downloads, wheels
-from posegaussian.storage.model.errors import SourceError
+from posegaussian.storage.model.errors import ConfigError, SourceError
 from tests.dags.cli.test_cli import assert_says, posegaussian
+from tests.support.onnx_files import heatmap_network
 
 
 @pytest.fixture
@@ -154,11 +155,24 @@ def test_an_unknown_name_is_refused_with_the_known() -> None:
 
 
 def test_a_description_is_checked(tmp_path: Path) -> None:
-    (tmp_path / "net.onnx").write_bytes(b"network")
+    heatmap_network(tmp_path / "net.onnx", 192, 256, 4)
     (tmp_path / "net.yaml").write_text(
         "{file: net.onnx, kind: heatmap, input: [192, 256], outputs: [maps], joint_set: coco17}"
     )
     assert "detection.model=" in downloads.add([tmp_path / "net.yaml"])[0]
+
+
+def test_a_description_of_what_is_no_network_or_another_one_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "net.yaml"
+    told = "{file: net.onnx, kind: heatmap, input: [192, 256], outputs: [maps], joint_set: %s}"
+    file.write_text(told % "coco17")
+    (tmp_path / "net.onnx").write_bytes(b"network")
+    with pytest.raises(ConfigError, match=r"net\.onnx: OpenCV's DNN cannot read it"):
+        downloads.add([file])
+    heatmap_network(tmp_path / "net.onnx", 192, 256, 4)
+    file.write_text(told % "body_25")
+    with pytest.raises(ConfigError, match=r"output maps has the shape \[17, 64, 48\].*gives 25 joints"):
+        downloads.add([file])
 
 
 def test_the_command_line_prints_sentences(tmp_path: Path) -> None:

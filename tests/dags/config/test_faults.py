@@ -27,6 +27,7 @@ class Model(BaseModel):
     count: Literal["auto"] | Annotated[int, Field(ge=0)] = "auto"
     names: dict[Annotated[str, Field(max_length=3)], int] = {}
     sizes: list[int] = []
+    widths: tuple[int, int, int, int] = (1, 2, 3, 4)
 
     @field_validator("sizes")
     @classmethod
@@ -54,6 +55,15 @@ CASES: dict[str, tuple[dict[str, Any], list[str]]] = {
     "item": (
         {"sizes": [2, "x"]},
         ["sizes.1: input should be a valid integer, unable to parse string as an integer, got 'x'"],
+    ),
+    "too few": ({"widths": [8, 16]}, ["widths: 4 values are needed, 2 are given"]),
+    "too few by one": ({"widths": [8, 16, 24]}, ["widths: 4 values are needed, 3 are given"]),
+    "too few, and wrong": (
+        {"widths": ["x"]},
+        [
+            "widths.0: input should be a valid integer, unable to parse string as an integer, got 'x'",
+            "widths: 4 values are needed, 1 is given",
+        ],
     ),
     "own sentence": ({"sizes": [3]}, ["sizes: sizes are even"]),
     "several": ({"sizes": 1, "more": 1}, ["sizes: input should be a valid list, got 1", "more: <more>"]),

@@ -15,13 +15,14 @@ import psutil
 import pytest
 from safetensors import safe_open
 
+from posegaussian.dags.training.config import load_training
 from posegaussian.dags.training.frame_producers import FrameError, read_frame
 from posegaussian.dags.training.loop import Parts, TrainingOrder, train
-from posegaussian.dags.training.run_folder import RunFolder
+from posegaussian.dags.training.run_folder import RunFolder, log_row
 from posegaussian.stages.network.card import read_card
 from posegaussian.stages.training.config import TrainingConfig
 from posegaussian.storage.archive.checkpoints import read_latest, steps_kept
-from posegaussian.storage.model.errors import ConfigError, UserError
+from posegaussian.storage.model.errors import ConfigError, NotWritten, UserError
 
 PARTS = Parts(
     "tests.support.fake_frames", "tests.support.fake_frames:frames_of_step", "tests.support.fake_trainer:Trainer"
@@ -247,6 +248,53 @@ def test_two_trainings_in_one_folder_are_one_too_many(tmp_path: Path) -> None:
     with RunFolder(tmp_path).locked(), pytest.raises(UserError, match="another training is running in"):
         run(tmp_path)
     run(tmp_path, CONFIG.model_copy(update={"depth_steps": 2, "joint_steps": 0}))
+
+
+def test_a_full_disk_is_told_of_the_log_that_it_did_not_take(tmp_path: Path) -> None:
+    folder = RunFolder(tmp_path)
+
+    def write() -> None:
+        with folder.locked():
+            folder.resume()
+            folder._log = Path("/dev/full").open("a", encoding="utf-8")  # noqa: SIM115
+            folder.note(log_row("step", 1, {"loss": 1.0}))
+
+    with pytest.raises(NotWritten, match=r"cannot write .*log\.jsonl: the disk is full"):
+        write()
+
+
+def test_steps_that_were_skipped_are_told_at_the_end_and_on_the_card(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("POSEGAUSSIAN_FAKE", '{"infinite": [10, 59]}')
+    told = "49 of 60 steps were skipped, their loss was not finite"
+    assert run(tmp_path)[-1].startswith(f"done: 60 steps, {told}, ")
+    assert read_card(tmp_path / "weights.safetensors").data.endswith(f"step 60 of 60; {told}")
+    assert run(tmp_path)[-1].startswith(f"done: 60 steps, {told}, "), "what goes on knows them, too"
+
+
+def test_fifty_steps_skipped_in_a_row_end_it_with_a_checkpoint_and_advice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("POSEGAUSSIAN_FAKE", '{"infinite": [3, 60]}')
+    with pytest.raises(UserError, match=r"50 steps in a row up to step 53 were skipped.*another --output with a learn"):
+        run(tmp_path)
+    assert steps_kept(tmp_path / "checkpoints")[0] == 53
+
+
+def test_what_goes_on_needs_no_weights_to_start_from(tmp_path: Path) -> None:
+    weights = tmp_path / "weights.safetensors"
+    weights.touch()
+    config, output = tmp_path / "train.yaml", tmp_path / "output"
+    config.write_text(f"start: {weights}\n")
+    begun = CONFIG.model_copy(update={"start": str(weights)})
+    run(output, begun.model_copy(update={"depth_steps": 10, "joint_steps": 0}))
+    weights.unlink()
+    assert load_training(config, [], output).start == str(weights)
+    assert run(output, begun)[-1].startswith("done: 60 steps")
+    assert f"continued from {weights}" in read_card(output / "weights.safetensors").seeds
+    with pytest.raises(ConfigError, match="there is no file"):
+        load_training(config, [], tmp_path / "another")
 
 
 def test_frames_that_come_round_again_are_made_once(tmp_path: Path) -> None:

@@ -18,6 +18,8 @@ from posegaussian.stages.estimators.turned import Turned, quarter_turns, turned_
 from posegaussian.stages.imaging.regions import to_own, to_picture
 from posegaussian.stages.pose.params import PoseParams
 from posegaussian.stages.pose.stage import STAGE as POSE
+from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.model.joint_sets import joint_set
 from tests.support.acting_estimator import Actor, Numbered
 from tests.support.memory_inputs import run_stage
 from tests.support.walking_skeleton import pixels, ring, roles, walk
@@ -45,17 +47,18 @@ def detect(
     length: int | None = None,
     held_out: tuple[int, ...] = (),
     missing: tuple[tuple[int, int], ...] = (),
+    rig: Rig = RIG,
 ) -> dict[str, np.ndarray]:
-    valid = np.ones((FRAMES, len(RIG)), bool)
+    valid = np.ones((FRAMES, len(rig)), bool)
     for f, v in missing:
         valid[f, v] = False
-    sources = {"pictures": Numbered(FRAMES, (SIZE, SIZE), missing), "estimator": estimator}
+    sources = {"pictures": Numbered(FRAMES, tuple(rig.size[0]), missing), "estimator": estimator}
     return run_stage(
         STAGE,
         params or DetectionParams(),
         {},
-        RIG,
-        roles(RIG, held_out),
+        rig,
+        roles(rig, held_out),
         FRAMES,
         length,
         sources=sources,
@@ -86,6 +89,18 @@ def test_where_a_view_found_somebody_else_it_looks_where_the_others_see_the_subj
     assert [a for a in estimator.asked if a[0] == "look"] == [("look", 2, 1)]
     np.testing.assert_allclose(out["detection/joints2d"][2, 1, 0], SUBJECT[2, 1], atol=1e-3)
     np.testing.assert_allclose(out["detection/joints2d"][2, 1, 1], ONLOOKER[2, 1], atol=1e-3)
+
+
+@pytest.mark.parametrize(("size", "focal"), [(256, 1.0), (4096, 0.0625)])
+def test_whom_a_view_mirrors_is_looked_at_again_however_small_in_a_large_picture(size: int, focal: float) -> None:
+    rig = ring(5, size=size, focal=focal)
+    right = pixels(rig, POINTS)
+    mirrored = right.copy()
+    mirrored[2, 0] = mirrored[2, 0][list(joint_set("coco17").flips)]
+    found, both = ([[[p] for p in views] for views in seen] for seen in (mirrored, right))
+    estimator = Actor(found, both)
+    detect(estimator, rig=rig)
+    assert [a for a in estimator.asked if a[0] == "look"] == [("look", 2, 0)]
 
 
 @pytest.mark.parametrize("length", [1, 3])

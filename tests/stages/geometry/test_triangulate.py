@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from posegaussian.stages.geometry.points import project
-from posegaussian.stages.geometry.triangulation import MIN_ANGLE, MOST_PAIRS, pairs_of, triangulate
+from posegaussian.stages.geometry.triangulation import (
+    BODIES,
+    FEWEST_TOLD,
+    MIN_ANGLE,
+    MOST_PAIRS,
+    pairs_of,
+    triangulate,
+    unit_of,
+)
 from posegaussian.storage.model.cameras import Rig, rigid
 from tests.support.walking_skeleton import SKELETON, pixels, ring
 
@@ -66,6 +74,28 @@ def test_outliers_are_rejected_and_cost_score() -> None:
     expected = np.full(17, 7 / 8)
     expected[3], expected[4] = 6 / 8, 6 / 7
     np.testing.assert_allclose(out[:, 3], expected)
+
+
+def test_a_wrong_joint_of_somebody_small_in_a_large_picture_is_an_outlier_as_of_somebody_large() -> None:
+    for size, focal in ((256, 1.0), (2048, 0.125), (4096, 0.0625)):  # the same pixels of a person in larger pictures
+        rig = ring(8, size=size, focal=focal)
+        seen = pixels(rig, SKELETON[None])[0]
+        assert np.ptp(seen[0, :, 1]) == pytest.approx(155, abs=15)
+        seen[2, 9, :2] += 24.0  # a sixth of the person; 1.2 % and 0.6 % of the larger pictures
+        out = lift(rig, seen)
+        np.testing.assert_allclose(out[:, :3], SKELETON, atol=1e-9)
+        assert out[9, 3] == pytest.approx(7 / 8)
+
+
+def test_residuals_of_who_fills_a_fifth_of_the_picture_are_shares_of_the_picture_by_the_bit() -> None:
+    rig, views = ring(3, size=1000), np.arange(3)
+    joints = np.zeros((3, 17, 3))
+    joints[..., 2] = 0.9
+    joints[0, 0, :2], joints[1, 0, :2], joints[2, 0, :2] = (0.0, 200.0), (160.0, 120.0), (0.0, 199.0)
+    np.testing.assert_array_equal(unit_of(rig, views, joints, 0.2), [1000.0, 1000.0, BODIES * 199.0])
+    joints[2, FEWEST_TOLD - 1 :, 2] = 0.1  # three joints tell nothing of how large somebody is
+    assert unit_of(rig, views, joints, 0.2)[2] == 1000.0
+    assert unit_of(rig, views, np.zeros((3, 17, 3)), 0.0)[0] == 1000.0  # nor does a single point
 
 
 def test_score_is_mean_inlier_score_times_inlier_share() -> None:

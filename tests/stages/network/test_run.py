@@ -178,6 +178,20 @@ def test_a_network_that_says_nothing_is_reported(
     assert "mean confidence is 0.00" in notes[0]
 
 
+def test_pairs_that_are_too_large_are_left_out_and_reported(
+    net: PoseGaussianNetwork, rig: Rig, arrays: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("posegaussian.stages.network.inference.too_large", lambda pair, window: 1 in pair.views)
+    inputs = MemoryInputs(
+        STAGE, PARAMS, arrays, rig, VIEWS, range(2), FRAMES, sources={"network": net}, effects=frozenset()
+    )
+    blocks = list(resolve(STAGE.run)(inputs, PARAMS))
+    told = {b.view: n for b in blocks for n in b.notes if "were not shown to the network" in n}
+    assert told[1].startswith("4 of its pairs in these frames")  # with either neighbour, in two frames
+    (depth,) = (b.data for b in blocks if b.array == "network/depth" and b.view == 1)
+    assert depth.tobytes() == arrays["depth/depth"][:2, 1].tobytes()
+
+
 def test_it_is_left_out_without_weights_and_for_a_single_view() -> None:
     assert "network.weights is none" in (unneeded(NetworkParams(weights="none"), Facts()) or "")
     left_out = unneeded(NetworkParams(), Facts(frozenset({PICKED["none"]})))

@@ -76,6 +76,16 @@ def test_missing_and_wrong_joints_are_replaced_by_reprojection_with_the_3d_score
     assert two[0, 3, 9, 2] == three[0, 9, 3] == 1
 
 
+def test_a_wrong_joint_of_somebody_small_in_a_large_picture_is_replaced() -> None:
+    rig, points = ring(8, size=4096, focal=0.0625), walk(1)
+    exact = pixels(rig, points)
+    given = exact.copy()
+    given[0, 2, 9, :2] += 24  # a sixth of the person, 0.6 % of the picture
+    two, three, _ = pose(rig, 1, Joints2D.single(given), params=PoseParams(sigma_unit="px", sigma=2))
+    np.testing.assert_allclose(two[..., :2], exact[..., :2], atol=1e-2)
+    assert two[0, 2, 9, 2] == three[0, 9, 3] == pytest.approx(7 / 8)
+
+
 def test_a_detection_that_agrees_stays_what_was_detected() -> None:
     rig, points = ring(5, size=128), walk(1)
     given = pixels(rig, points)

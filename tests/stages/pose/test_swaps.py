@@ -135,6 +135,17 @@ def test_neighbours_decide_where_all_half_or_most_views_of_a_frame_are_wrong(
     assert np.flatnonzero(exchanged.any(axis=(1, 2))).tolist() == list(frames)
 
 
+def test_a_swap_of_somebody_small_in_a_large_picture_is_found() -> None:
+    rig, points = ring(8, size=4096, focal=0.0625), turning(3, 25.0)
+    exact = pixels(rig, points)
+    given = exact.copy()
+    given[:, [0, 5]] = given[:, [0, 5]][..., SIDES.flips, :]
+    joints, found, exchanged = mend(rig, given)
+    np.testing.assert_array_equal(joints, exact)
+    np.testing.assert_allclose(found[..., :3], points, atol=1e-6)
+    assert exchanged.sum() == 3 * 2 * 3
+
+
 def test_swaps_under_noise_leave_the_joints_where_they_are() -> None:
     rig, points = ring(8, size=512), striding(24)
     clean = noisy(rig, points, 2.0)

@@ -14,10 +14,11 @@ from posegaussian.stages.simulator import setup, take
 from posegaussian.stages.simulator.effects import registry
 from posegaussian.stages.simulator.effects.registry import EFFECTS
 from posegaussian.stages.simulator.rigs import make_rig
-from posegaussian.stages.simulator.scene import Scene
+from posegaussian.stages.simulator.scene import Scene, faults
 from posegaussian.stages.simulator.setup import stage
 from posegaussian.stages.simulator.take import OF_CAMERAS, Shot
 from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.model.errors import ConfigError
 
 EVERYTHING: dict[str, Any] = {
     "lens_distortion": {"k1": -0.1}, "calibration_error": {"pixels": 0.5}, "dropped_frames": {"share": 0.3},
@@ -202,6 +203,67 @@ def test_rigs() -> None:
     away = np.linalg.norm(still.centres - moved.centres, axis=1)
     assert (away > 0.01).all()
     assert away.max() < 0.5
+
+
+@pytest.mark.parametrize(
+    ("given", "gaps"),
+    [
+        ({"cameras": 5}, 5),
+        ({"kind": "thuman", "cameras": 6}, 6),
+        ({"kind": "arc", "cameras": 4, "span": 90}, 3),
+        ({"kind": "arc", "cameras": 1}, 0),
+        ({"kind": "stereo", "cameras": 6}, 3),
+        ({"kind": "dome", "cameras": 8, "rings": 2}, 8),
+        ({"kind": "dome", "cameras": 11, "rings": 3, "start": 20}, 11),
+        ({"kind": "dome", "cameras": 4, "rings": 3}, 2),
+        ({"kind": "dome", "cameras": 2, "rings": 3}, 0),
+    ],
+)
+def test_held_out_cameras_stand_midway_between_neighbours_and_no_two_in_one_gap(
+    given: dict[str, Any], gaps: int
+) -> None:
+    assert not faults(scene(rig=given, held_out=gaps))
+    ((place, told),) = faults(scene(rig=given, held_out=gaps + 1))
+    assert place == ("held_out",)
+    assert f"which has {gaps} gaps; at most one a gap" in told
+    for count in range(1, gaps + 1):
+        rig, sources = rig_of(**given, held_out=count)
+        held = rig.centres[sources:]
+        assert len(np.unique(held.round(6), axis=0)) == count
+        for centre in held:
+            beside = rig.centres[:sources][np.abs(rig.centres[:sources, 2] - centre[2]) < 1e-9]
+            away = np.sort(np.linalg.norm(beside - centre, axis=1))
+            assert away[0] == pytest.approx(away[1]), "as far from one neighbour as from the other"
+            if len(away) > 2 and given.get("kind") != "stereo":
+                assert away[0] < away[2] - 1e-6
+
+
+def test_jitter_of_listed_cameras_moves_them_and_leaves_where_they_look() -> None:
+    cameras = [
+        {"name": "a", "position": [3.0, 0.0, 1.0], "look_at": [0.0, 1.0, 1.4], "up": [0.0, 1.0, 0.2], "roll": 20.0},
+        {"name": "b", "position": [0.0, 3.0, 1.0]},
+    ]
+    still, moved = (rig_of(kind="list", cameras=cameras, jitter=jitter)[0] for jitter in (0.0, 0.05))
+    assert (np.linalg.norm(still.centres - moved.centres, axis=1) > 0.01).all()
+    for v, at in enumerate(([0.0, 1.0, 1.4], [0.0, 0.0, 0.85])):
+        uv, z = project(np.array(at), moved.intrinsics[v], moved.world_to_camera[v])
+        np.testing.assert_allclose(uv, moved.size[v] / 2, atol=1e-9)
+        assert z > 0
+        turn = still.rotations[v] @ moved.rotations[v].T
+        assert np.degrees(np.arccos((np.trace(turn) - 1) / 2)) < 10, "up and roll are kept"
+
+
+def test_a_camera_that_looks_at_where_it_stands_is_told_and_any_other_direction_is_one() -> None:
+    cameras = [{"name": "a", "position": [3, 0, 1], "look_at": [3, 0, 1]}, {"name": "b", "position": [3, 1, 1]}]
+    told = "camera a looks at where it stands, (3.0, 0.0, 1.0); name another look_at"
+    assert faults(scene(rig={"kind": "list", "cameras": cameras}, held_out=0)) == [(("rig", "cameras", 0), told)]
+    assert faults(scene(held_out=cameras)) == [(("held_out", 0), told)]
+    with pytest.raises(ConfigError, match=r"camera c stands at \(0\.0, 0\.0, 0\.85\), the middle of the subject"):
+        rig_of(kind="list", cameras=[{"name": "c", "position": [0, 0, 0.85]}])
+    for up in ([0, 0, 1], [0, 1, 0], [1, 0, 0], [1, 1, 0]):
+        for along in ([0, 0, 1], [0, 1, 0], [1, 0, 0], [1, 1, 0]):
+            camera = {"name": "d", "position": [3.0 * a for a in along], "look_at": [0, 0, 0], "up": up}
+            rig_of(kind="list", cameras=[camera])[0].check()
 
 
 @pytest.mark.parametrize("last", [{"kind": "arc", "span": 40}, {"kind": "stereo", "baseline": 1.2}])

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from posegaussian.stages.geometry.projection import pixel_centres, project
-from posegaussian.stages.geometry.rectification import Window
+from posegaussian.stages.geometry.rectification import STRETCH, Window
 from posegaussian.stages.network.model.pairs import (
     APART,
     MARGIN,
@@ -20,9 +20,11 @@ from posegaussian.stages.network.model.pairs import (
     relief,
     sampled,
     start_on,
+    too_large,
+    window_around,
     windows,
 )
-from tests.support.known_geometry import sphere_depth
+from tests.support.known_geometry import camera, on_ring, rig_of, sphere_depth
 from tests.support.network_views import UPRIGHT, pair_of, plane_depth, plane_disparity, source, two_cameras
 
 torch.set_num_threads(1)
@@ -173,6 +175,30 @@ def test_windows_hold_both_subjects_with_a_margin_at_equal_size_and_rows(multipl
         pixels, _ = pair.rectified_pixels(which, np.stack([columns, rows], axis=-1) + 0.5)
         assert (pixels >= np.array([x0, y0]) + MARGIN).all()
         assert (pixels <= np.array([x0 + width, y0 + height]) - MARGIN).all()
+
+
+def test_a_blob_at_the_rim_of_a_wide_lens_leaves_the_window_on_the_subject() -> None:
+    cameras = [camera(on_ring(a), np.zeros(3)) for a in (0.0, 84.0)]
+    pair = pair_of(rig_of(cameras, (128, 128), focal=64.0))
+    inside = np.zeros((2, 128, 128), bool)
+    inside[:, 30:98, 50:78] = True
+    plain = windows(pair, (inside[0], inside[1]), 8)
+    assert plain is not None
+    assert not any(too_large(pair, w) for w in plain)
+    for which, columns in enumerate((slice(-2, None), slice(0, 2))):
+        inside[which, 60:62, columns] = True
+        pixels, ratio = pair.rectified_pixels(which, np.array([127.0 * (which == 0), 61.0]))
+        assert ratio > 0
+        assert abs(pixels[0] - plain[which][0]) > 5 * 128  # far beyond both pictures
+    assert windows(pair, (inside[0], inside[1]), 8) == plain
+    assert window_around(pair, inside[0], 8) == window_around(pair, inside[0] & (np.arange(128) < 100), 8)
+
+
+def test_a_window_of_many_pictures_is_too_large() -> None:
+    pair = pair_of(two_cameras())
+    side = int(128 * STRETCH**0.5)
+    assert not too_large(pair, (-400, 0, side, side))
+    assert too_large(pair, (-400, 0, side + 1, side + 1))
 
 
 @pytest.mark.parametrize("empty", [0, 1])
