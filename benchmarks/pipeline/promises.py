@@ -88,7 +88,6 @@ class Filmed:
         taken = watched([*CLI, "run", "--archive", str(self.folder / ARCHIVE), *chosen], self.folder)
         psnr = box_psnr(session.plan(NAME, Selection()).context, self.reference)
         shutil.rmtree(self.folder / ARCHIVE)
-        assert psnr is not None, "no held-out camera sees the person"
         return taken, psnr
 
     def choice(self, amount: Amount) -> Choice:

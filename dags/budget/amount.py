@@ -49,4 +49,7 @@ class Amount:
 
     def enough(self, seconds: float, frames: int) -> str:
         """An amount, written alike, that a run of so many seconds and frames fits: a twentieth more, for two digits."""
-        return f"{1.05 * seconds / frames:.2g}s/frame" if self.a_frame else f"{math.ceil(1.05 * seconds)}s"
+        if not self.a_frame:
+            return f"{math.ceil(1.05 * seconds)}s"
+        rounded = float(f"{1.05 * seconds / frames:.2g}")
+        return f"{f'{rounded:f}'.rstrip('0').rstrip('.')}s/frame"

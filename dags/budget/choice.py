@@ -87,10 +87,11 @@ def affordable(
         raise ConfigError(f"--budget {amount}: none of the settings can be run on this capture, see above")
     if not fitting:
         cheapest = known[min(known)]
+        # what is made once a sequence is shared by its frames
+        fewer = "" if amount.a_frame else " fewer frames by frames.range,"
         raise ConfigError(
             f"--budget {amount}: the cheapest settings already take {cheapest.told(frames)}; give at least"
-            f" {amount.enough(cheapest.seconds + measuring(), frames)}, fewer frames by frames.range, or fewer views by"
-            " views.sources"
+            f" {amount.enough(cheapest.seconds + measuring(), frames)},{fewer} or fewer views by views.sources"
         )
     chosen = max(fitting)
     cheaper, better = (

@@ -28,9 +28,9 @@ def front_points(file: Path) -> tuple[Point, ...]:
     if sequence is None or not first or not {f"total{SECONDS}", QUALITY, "front"} <= {*names}:
         raise ConfigError(f"{wanted}; its columns are {', '.join(names)}")
     knobs = [name for name in names[:first] if not name.startswith("metrics.")]  # these change no picture
-    lines = [(i, r) for i, r in enumerate(table.to_pylist(), 1) if r["front"] and math.isfinite(r[QUALITY])]
+    lines = [(i, r) for i, r in enumerate(table.to_pylist(), 1) if r["front"] and _is_number(r[QUALITY])]
     if not lines:
-        raise ConfigError(f"{wanted}; no line of it is on the front")
+        raise ConfigError(f"{wanted}; no line of it is on the front with a number of {QUALITY}")
     lines.sort(key=lambda line: float(line[1][f"total{SECONDS}"]))
     best = lines[-1][1][QUALITY]
     return tuple(
@@ -45,3 +45,8 @@ def front_points(file: Path) -> tuple[Point, ...]:
         )
         for i, row in lines
     )
+
+
+def _is_number(value: object) -> bool:
+    """Whether a cell holds one."""
+    return isinstance(value, int | float) and math.isfinite(value)

@@ -25,7 +25,6 @@ from posegaussian.dags.session.session import Session
 from posegaussian.stages.registry import STAGES
 from posegaussian.storage.archive.deletion import delete_folder
 from posegaussian.storage.archive.lease import own_name
-from posegaussian.storage.model.errors import UserError
 
 HELD_OUT = ("held_out",)
 """The path of held-out cameras."""
@@ -115,17 +114,13 @@ class Probe:
         """Mean box PSNR, dB, at the size that the user set, of the frames' held-out cameras as drawn under these
         {stage.key: value}, whose `rates` were taken. Raises UserError where none of them has a picture of the subject,
         whatever is set."""
-        from posegaussian.dags.diagnostics.held_out_quality import box_psnr
+        from posegaussian.dags.diagnostics.held_out_quality import box_psnr, require_subject
 
         drawn, filmed = self._variant(values), self._variant({k: v for k, v in values.items() if k != "frames.size"})
         names = [s.name for s in STAGES]
         self._run(filmed, Selection(only=frozenset(names[: names.index("frames") + 1])))
-        if (psnr := box_psnr(drawn, filmed)) is None:
-            raise UserError(
-                f"no held-out camera has a picture of the subject in frames {middle(self.context, self.frames)} of"
-                f" {self.context.sequence.name}; hold out other cameras by views.held_out"
-            )
-        return psnr
+        require_subject(filmed)
+        return box_psnr(drawn, filmed)
 
     @property
     def told(self) -> str:

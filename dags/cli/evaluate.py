@@ -86,7 +86,7 @@ def evaluate(
     some = chosen(methods if paper is None else checked(paper, methods))
     own = [*(assignments or [])]
     if measures is not None:
-        own += asked(open_session(config, assignments, archive).configuration.default.metrics, measures)
+        own += asked(open_session(config, assignments, archive).configuration, measures)
     session = open_session(config, own, archive, scheduler, voice=voice(verbose, quiet))
     if paper is not None:
         raise typer.Exit(reproduce(session, Order(paper, sequences or [], some, ablation, output)))

@@ -13,6 +13,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from posegaussian.dags.compiling.warm_up import warming_up
+
 
 @cache
 def compile_once() -> None:
@@ -22,7 +24,7 @@ def compile_once() -> None:
     alone, held = Dispatcher.compile, set[Path]()
 
     def together(kernel: Any, signature: Any) -> Any:
-        with _locked(_lock_of(kernel), held):
+        with warming_up(), _locked(_lock_of(kernel), held):
             return alone(kernel, signature)
 
     setattr(Dispatcher, "compile", together)  # noqa: B010 - numba has no place for it, and its types forbid it

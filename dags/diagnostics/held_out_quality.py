@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,11 +18,41 @@ from posegaussian.dags.planning.results import Results
 from posegaussian.stages.metrics.measures.registry import METRICS
 from posegaussian.stages.network.params import depth_array
 from posegaussian.storage.model.cameras import CameraPath
+from posegaussian.storage.model.errors import UserError
+from posegaussian.storage.model.masks import foreground
+
+
+class Compared(NamedTuple):
+    """One held-out picture and what it is compared with, at the reference's size."""
+
+    picture: np.ndarray
+    """[h, w, 3] uint8 as drawn, on black."""
+    filmed: np.ndarray
+    """[h, w, 3] uint8."""
+    mask: np.ndarray
+    """[h, w] uint8."""
+    visible: np.ndarray | None
+    """[h, w] bool: pixels that count, where the subject stands behind something in others; None where all do."""
 
 
 def held_out_path(context: Context) -> CameraPath:
     """The context's path of held-out cameras."""
     return next(p for p in context.paths.values() if p.kind == "held_out")
+
+
+def require_subject(context: Context) -> None:
+    """Raise UserError where no held-out picture shows anybody, so that nothing could be compared; the frames' masks are
+    there."""
+    results, path = Results(context), held_out_path(context)
+    for frames in _partitions(context):
+        for c, name in enumerate(path.names):
+            if _shown(context, path, c, frames, results.read("frames/mask", frames, context.rig.index(name))).any():
+                return
+    first, last = context.source_frames[[0, -1]].tolist()
+    raise UserError(
+        f"no held-out camera has a picture of the subject in frames {first}..{last} of {context.sequence.name}; choose"
+        " others with frames.range, or hold out other cameras by views.held_out"
+    )
 
 
 def quality(context: Context, reference: Context) -> dict[str, float]:
@@ -38,28 +69,38 @@ def quality(context: Context, reference: Context) -> dict[str, float]:
     return {name: float(np.mean(values)) for name, values in found.items()}
 
 
-def box_psnr(context: Context, reference: Context) -> float | None:
-    """The mean of `psnr box` alone, dB; None where no picture holds anybody. Contexts as of `quality`."""
+def box_psnr(context: Context, reference: Context) -> float:
+    """The mean of `psnr box` alone, dB. Contexts as of `quality`, of which some picture shows somebody."""
     found = [v for frames in _partitions(context) for _, v in _pictures(context, reference, frames, ["psnr"], "box")]
-    return float(np.mean(found)) if found else None
+    return float(np.mean(found))
 
 
-def compared(
-    context: Context, reference: Context, frames: range
-) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """(picture, filmed, mask) of every held-out picture of some frames, [h, w, 3], [h, w, 3] and [h, w] uint8, at the
-    reference's size. Contexts as of `quality`."""
+def compared(context: Context, reference: Context, frames: range) -> Iterator[Compared]:
+    """Every held-out picture of some frames that shows somebody: in others there is nothing of a person to measure.
+    Contexts as of `quality`."""
+    from posegaussian.stages.metrics.run import visible_pixels, witnesses_of
+
     results, truths = Results(context), Results(reference)
     path, large = held_out_path(context), held_out_path(reference)
     rendered = results.read(f"rendering/{path.name}/color", frames)
+    sources = {v: truths.read("frames/mask", frames, v) for v in reference.views.sources}
+    witnesses = witnesses_of(reference.rig, sources, len(frames))
     for c, name in enumerate(path.names):
         view = reference.rig.index(name)
         truth, mask = truths.read("frames/color", frames, view), truths.read("frames/mask", frames, view)
         (w, h), (wide, high) = path.size[c], large.size[c]
-        for j, frame in enumerate(frames):
-            if path.served[frame, c] and reference.valid[frame, view]:
-                picture = _enlarged(rendered[j, c, :h, :w], int(wide), int(high), smooth=True)
-                yield picture, truth[j, :high, :wide], mask[j, :high, :wide]
+        crop = slice(0, int(high)), slice(0, int(wide))
+        for j in np.nonzero(_shown(reference, path, c, frames, mask))[0]:
+            picture = _enlarged(rendered[j, c, :h, :w], int(wide), int(high), smooth=True)
+            visible, _ = visible_pixels(witnesses[j], view, mask[j], crop)
+            yield Compared(picture, truth[j][crop], mask[j][crop], visible)
+
+
+def _shown(context: Context, path: CameraPath, camera: int, frames: range, mask: np.ndarray) -> np.ndarray:
+    """[F] bool: whether a camera of the held-out path has a picture of somebody; mask [F, h, w] uint8 of its view."""
+    own = slice(frames.start, frames.stop)
+    there = path.served[own, camera] & context.valid[own, context.rig.index(path.names[camera])]
+    return there & foreground(mask).any(axis=(1, 2))
 
 
 def _partitions(context: Context) -> Iterator[range]:
@@ -73,8 +114,8 @@ def _pictures(
     from posegaussian.stages.metrics.run import measure
 
     wanted = context.settings.metrics.model_copy(update={"measures": measures})
-    for picture, truth, mask in compared(context, reference, frames):
-        for (region, name), value in measure(picture, truth, mask, wanted).items():
+    for p in compared(context, reference, frames):
+        for (region, name), value in measure(p.picture, p.filmed, p.mask, wanted, p.visible).items():
             if isinstance(value, float) and only in (None, region):
                 yield f"{name} {region}", value
 

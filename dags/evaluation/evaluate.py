@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from posegaussian.dags.diagnostics.held_out_quality import held_out_path
 from posegaussian.dags.evaluation.measured import pictures
@@ -25,6 +26,7 @@ from posegaussian.dags.planning.variants import settled_variant
 from posegaussian.dags.runtime.signals import STATUS as INTERRUPTED
 from posegaussian.dags.session.session import Session
 from posegaussian.dags.tradeoff.tradeoff import write_parquet
+from posegaussian.stages.metrics.measures.registry import METRICS
 from posegaussian.storage.files.write import write_atomically
 from posegaussian.storage.model.errors import ConfigError, UserError
 
@@ -40,7 +42,7 @@ class Evaluation:
     results: list[Result]
     """Of every sequence and method, by sequence, then the means."""
     protocol: str
-    """One sentence: what was compared with what."""
+    """One sentence: what was compared with what; empty where nothing could be planned."""
     status: int
     """0 all done, 1 something failed, 130 interrupted: there are no results then."""
 
@@ -81,8 +83,8 @@ def _without_camera(blind: Mapping[str, str]) -> list[str]:
 
 
 def evaluate(session: Session, names: Sequence[str], methods: Sequence[Method]) -> Evaluation:
-    """Run what is missing, method by method, and gather what each came to. Raises ConfigError for settings that cannot
-    be."""
+    """Run what is missing, method by method, and gather what each came to: a method that a sequence cannot have is
+    named, and the others go on. Raises ConfigError for settings that cannot be."""
     found: dict[tuple[str, str], Result] = {}
     contexts: dict[str, Context] = {}
     status = 0
@@ -98,24 +100,29 @@ def evaluate(session: Session, names: Sequence[str], methods: Sequence[Method]) 
             if isinstance(plan, Plan):
                 contexts.setdefault(name, plan.context)
     results = [found[n, m.name] for n in names for m in methods]
-    return Evaluation(with_means(results), protocol(contexts, results), status)
+    return Evaluation(with_means(results), protocol(contexts, results) if contexts else "", status)
 
 
 def _run(session: Session, names: Sequence[str], method: Method) -> tuple[dict[str, Plan | str], int]:
     """The method's plans by sequence after its run, a sentence for one that cannot be planned; and the exit status."""
     configuration = method.over(session.configuration)
-    own = replace(session, configuration=configuration)
-    if method.name != OURS:
-        for name in names:
+    own, why = replace(session, configuration=configuration), dict[str, str]()
+    for name in names if method.name != OURS else ():
+        try:
             settings = configuration.for_sequence(name)
             made = settled_variant(session.archive.sequence(name), settings, method.different, PATHS)
             own = replace(own, archive_url=str(made.sequence.root.parent))
-    plans, refused = own.usable(names, PATHS, Selection())
-    status = own.run_and_report(plans, Selection(), refused)
+        except UserError as e:
+            why[name] = str(e)
+    plans, refused = own.planned([n for n in names if n not in why], PATHS, Selection())
+    status = own.run_and_report(plans, Selection()) if plans else 0
     if status == INTERRUPTED:
         return {}, status
-    why = dict(sentence.split(": ", 1) for sentence in refused)
-    return {n: why[n] if n in why else own.plan(n, Selection(), PATHS) for n in names}, status
+    # an effect that was decided meanwhile may be one that a stage refuses
+    plans, later = own.planned([p.context.sequence.name for p in plans], PATHS, Selection())
+    why |= refused | later
+    session.say((f"{name}: {method.name}: {text}" for name, text in why.items()), "red")
+    return {**{p.context.sequence.name: p for p in plans}, **why}, 1 if why else status
 
 
 def _result(name: str, kind: str, method: Method, plan: Plan | str) -> Result:
@@ -126,7 +133,23 @@ def _result(name: str, kind: str, method: Method, plan: Plan | str) -> Result:
     measured = [t for t in plan.verdicts if t.stage == MEASURES]  # receipts may lie there of frames not worked on now
     table = Results(plan.context, plan.book).rows(o for t in measured for o in plan.book.receipts[t].outputs)
     numbers = [*pictures(table), *costs(plan)]
-    return Result(name, kind, method.name, {n.key: n for n in numbers}, hosts=tuple(hosts(plan)))
+    return Result(
+        name,
+        kind,
+        method.name,
+        {n.key: n for n in numbers},
+        hosts=tuple(hosts(plan)),
+        empty=_empty(plan.context, table),
+    )
+
+
+def _empty(context: Context, table: Sequence[Mapping[str, Any]]) -> int:
+    """Pictures that held-out cameras filmed and that have no rows in the metrics' table: nobody is in them."""
+    if all(METRICS[m].change_of for m in context.settings.metrics.measures):
+        return 0  # a first frame has no rows either
+    path = held_out_path(context)
+    filmed = path.served & context.valid[:, [context.rig.index(name) for name in path.names]]
+    return int(filmed.sum()) - len({(row["camera"], row["frame"]) for row in table})
 
 
 def protocol(contexts: dict[str, Context], results: Sequence[Result]) -> str:
@@ -158,12 +181,15 @@ def run_evaluate(session: Session, globs: Sequence[str], methods: Sequence[Metho
     """
     names, refused = measurable(session, globs)
     session.say(refused, "red")
+    session.say(session.configuration.idle(session.archive.names()), "yellow")
     try:
         made = evaluate(session, names, methods)
     except UserError as e:
         raise ConfigError(f"evaluate: {e}") from e
     if made.status == INTERRUPTED:
         return made.status
+    if not made.protocol:
+        raise ConfigError("\n".join(dict.fromkeys(f"{r.sequence}: {r.why}" for r in made.results if r.data_set)))
     page = markdown(made.results, made.protocol)
     session.say(page)
     told = ["", "What each number is:", "", *definitions(made.results)]

@@ -23,6 +23,8 @@ DATA_SETS = {
     "gps_gaussian": "THuman2.0",
 }
 """{layout of a capture: the data set that is published in it}."""
+RATES = ("frames_a_second",)
+"""Numbers whose mean over sequences is harmonic: as many frames of each take what its frames take."""
 SIMULATED = "simulated people"
 """Captures with true depth."""
 
@@ -52,6 +54,8 @@ class Result:
     """Why there are no numbers."""
     hosts: tuple[str, ...] = ()
     """Machines that the seconds were taken on."""
+    empty: int = 0
+    """Held-out pictures that nobody is in, which are not measured."""
 
     def value(self, key: Key) -> float | None:
         """None where it has none."""
@@ -96,7 +100,12 @@ def _mean(label: str, name: str, method: str, results: Sequence[Result], sequenc
 def _over(key: Key, results: Sequence[Result]) -> Number:
     found = [r.numbers[key] for r in results if key in r.numbers]
     values = [n.value for n in found if n.value is not None]
-    mean = sum(values) / len(values) if len(values) == len(results) else None
+    rate, sequences = key[0] in RATES, len(results)
     first = next((n for n in found if n.value is not None), found[0])
-    told = first.definition if mean is None else f"mean over {len(results)} sequences; {first.definition}"
-    return Number(*key, mean, first.unit, told, sum(n.count for n in found))
+    count = sum(n.count for n in found)
+    if len(values) < sequences:
+        told = f"there on {len(values)} of {sequences} sequences" if values else first.definition
+        return Number(*key, None, first.unit, told, count)
+    mean = sequences / sum(1 / v for v in values) if rate else sum(values) / sequences
+    told = f"{'harmonic mean' if rate else 'mean'} over {sequences} sequences; {first.definition}"
+    return Number(*key, mean, first.unit, told, count)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from posegaussian.dags.compiling.warm_up import WARM_UP, steady_seconds
 from posegaussian.dags.evaluation.measured import MEAN, Number
 from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.plan import Plan
@@ -27,6 +28,8 @@ DRAWS = "rendering"
 OPTIMISING = "optimising"
 """Module of the stage that draws, where it fits Gaussians to a frame's own pictures."""
 SECONDS = "wall seconds of finished tasks by their receipts, one task at a time on one worker, metrics left out"
+WARM = "what a process spends once, compiling kernels and importing libraries, left out"
+UNTIMED = "but in tasks of a version that did not time that"
 
 
 def costs(plan: Plan) -> list[Number]:
@@ -44,31 +47,37 @@ def hosts(plan: Plan) -> list[str]:
     return sorted({f"{r.facts.get('host')}, {r.facts.get('device')}" for r in receipts(plan)})
 
 
+def told(of: Sequence[Receipt]) -> str:
+    """What the seconds of some tasks are."""
+    return "; ".join([SECONDS, WARM, *([UNTIMED] if any(WARM_UP not in r.facts for r in of) else [])])
+
+
 def _times(plan: Plan) -> Iterator[Number]:
     frames, drawn = plan.context.grid.frames, 0
     for path in plan.context.paths.values():
         drawn += int(np.count_nonzero(path.served))
     once = optimised = drawing = every = 0.0
     for r in receipts(plan):
-        seconds = float(r.facts.get("seconds") or 0.0)
+        own = steady_seconds(r.facts)
         if stage_named(r.stage).sequence_wide:
-            once += seconds
+            once += own
             continue
-        every += seconds
+        every += own
         fitting = float((r.facts.get("modules") or {}).get(OPTIMISING, 0.0))
-        drawing += seconds - fitting if r.stage == DRAWS else 0.0
-        optimised += seconds if r.stage == REFINEMENT else fitting
-    all_stages = f"{SECONDS}; all stages but what is made once a sequence"
+        drawing += own - fitting if r.stage == DRAWS else 0.0
+        optimised += own if r.stage == REFINEMENT else fitting
+    what = told(receipts(plan))
+    all_stages = f"{what}; all stages but what is made once a sequence"
     yield Number("ms_a_frame", "", MEAN, 1000 * every / frames, "ms", f"{all_stages}, over frames", frames)
     yield Number(
         "frames_a_second", "", MEAN, frames / every if every else None, "1/s", f"frames over {all_stages}", frames
     )
     yield Number(
-        "drawing", "", MEAN, 1000 * drawing / max(drawn, 1), "ms", f"{SECONDS}; drawing alone, over pictures", drawn
+        "drawing", "", MEAN, 1000 * drawing / max(drawn, 1), "ms", f"{what}; drawing alone, over pictures", drawn
     )
-    yield Number("once", "", MEAN, once, "s", f"{SECONDS}; what is made once a sequence, whatever its frames")
+    yield Number("once", "", MEAN, once, "s", f"{what}; what is made once a sequence, whatever its frames")
     yield Number(
-        "optimised", "", MEAN, optimised / frames, "s", f"{SECONDS}; optimising a frame on its own pictures", frames
+        "optimised", "", MEAN, optimised / frames, "s", f"{what}; optimising a frame on its own pictures", frames
     )
     yield _weights(plan.context)
 
@@ -79,8 +88,8 @@ def _weights(context: Context) -> Number:
         return Number("trained", "", MEAN, 0.0, "s", "no weights: nothing was trained")
     answer = settled(context.settings.network, context.facts)
     card = card_of(answer)
-    told = f"training of the weights {card.name}, once for all sequences, on {card.machine}"
-    return Number("trained", "", MEAN, 60 * card.minutes, "s", told)
+    trained = f"training of the weights {card.name}, once for all sequences, on {card.machine}"
+    return Number("trained", "", MEAN, 60 * card.minutes, "s", trained)
 
 
 def _gaussians(plan: Plan) -> Number:
@@ -88,14 +97,14 @@ def _gaussians(plan: Plan) -> Number:
     context, results = plan.context, Results(plan.context, plan.book)
     if context.settings.rendering.method == IBR:
         return Number("gaussians", "", MEAN, None, "1", "not available: pictures are blended, there are no Gaussians")
-    told = "Gaussians of all source views a frame, of which pictures draw those of the nearest views"
-    told = "Gaussians fitted to a frame, all of which pictures draw" if FITTED in context.facts else told
+    drawn = "Gaussians of all source views a frame, of which pictures draw those of the nearest views"
+    drawn = "Gaussians fitted to a frame, all of which pictures draw" if FITTED in context.facts else drawn
     try:
         counts = [_count(context, results, context.grid.bounds(p)) for p in context.grid.partitions]
     except ShardMissing as e:
         return Number("gaussians", "", MEAN, None, "1", f"not known: {e}")
     every = np.concatenate(counts)
-    return Number("gaussians", "", MEAN, float(every.mean()), "1", told, len(every))
+    return Number("gaussians", "", MEAN, float(every.mean()), "1", drawn, len(every))
 
 
 def _count(context: Context, results: Results, frames: range) -> np.ndarray:

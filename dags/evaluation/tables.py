@@ -9,9 +9,11 @@ from typing import Any
 from posegaussian.dags.evaluation.results import Key, Result, keys
 from posegaussian.dags.humanize.latex import latex_text
 from posegaussian.dags.humanize.markdown import markdown_table
+from posegaussian.dags.humanize.text import number
 from posegaussian.stages.metrics.measures.registry import METRICS
 
 NOT_RUN = "not run"
+NOT_MEASURED = "no picture of it has one"
 COSTS = {
     "ms_a_frame": ("ms a frame", "lower"),
     "frames_a_second": ("frames/s", "higher"),
@@ -75,22 +77,39 @@ def markdown(results: Sequence[Result], protocol: str) -> list[str]:
     shown = columns(results)
     head = ["sequence", "method", *(f"{c.title} {c.part}".strip() for c in shown)]
     body = [[r.sequence, r.method, *_cells(r, shown)] for r in results]
-    about = dict.fromkeys(f"- {r.method}: {NOT_RUN}: {r.why}." for r in results if not r.numbers)
+    about = dict.fromkeys(f"- {r.sequence}, {r.method}: {NOT_RUN}: {r.why}." for r in results if not r.numbers)
     about |= dict.fromkeys(
         f"- {k[0]} {k[2]}: {n.definition}."
         for r in results
         for k, n in r.numbers.items()
         if n.value is None and k not in {c.key for c in shown}
     )
+    about |= dict.fromkeys(line for r in results if r.numbers for line in _missing(r, shown))
+    about |= dict.fromkeys(
+        f"- {r.sequence}: nobody is in {number(r.empty, 'held-out picture')}, which {agreeing} not measured."
+        for r in results
+        if r.empty
+        for agreeing in ("is" if r.empty == 1 else "are",)
+    )
     return [*markdown_table(head, body), "", protocol, *(["", *about] if about else [])]
+
+
+def _missing(result: Result, shown: Sequence[Column]) -> list[str]:
+    """Why cells of a line are empty, those with one reason together."""
+    found: dict[str, list[str]] = {}
+    for c in shown:
+        if result.value(c.key) is None:
+            why = result.numbers[c.key].definition if c.key in result.numbers else NOT_MEASURED
+            found.setdefault(why, []).append(f"{c.title} {c.part}".strip())
+    return [f"- {result.sequence}, {result.method}: {'; '.join(of)}: {why}." for why, of in found.items()]
 
 
 def definitions(results: Sequence[Result]) -> list[str]:
     """A line of Markdown for every column: what exactly it is."""
     told = {}
     for c in columns(results):
-        number = next(r.numbers[c.key] for r in results if c.key in r.numbers)
-        told[c.key] = f"- {f'{c.title} {c.part}'.strip()}: {number.definition}."
+        first = next(r.numbers[c.key] for r in results if r.value(c.key) is not None)
+        told[c.key] = f"- {f'{c.title} {c.part}'.strip()}: {first.definition}."
     return list(dict.fromkeys(told.values()))
 
 

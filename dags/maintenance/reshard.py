@@ -258,10 +258,12 @@ def _facts(old: Context, new: Context, task: Task, sources: list[Task], receipts
     shares = [
         len(set(own) & set(old.grid.bounds(t.partition or 0))) / len(old.grid.bounds(t.partition or 0)) for t in sources
     ]
-    for key in ("seconds", "cpu_seconds", "work", "raw_bytes"):
+    for key in ("seconds", "warm_up", "cpu_seconds", "work", "raw_bytes"):
         if all(r.facts.get(key) is not None for r in receipts):
             whole = sum(r.facts[key] * share for r, share in zip(receipts, shares, strict=True))
             facts[key] = round(whole) if key in ("work", "raw_bytes") else round(whole, 4)
+        else:
+            facts.pop(key, None)  # of the first alone it is that of no share
     if all(r.facts.get("modules") for r in receipts):
         names = dict.fromkeys(name for r in receipts for name in r.facts["modules"])
         facts["modules"] = {

@@ -82,22 +82,22 @@ class Regret:
 
 def box_psnr(context: Context, reference: Context) -> float:
     """Mean over the held-out pictures, dB; contexts as of `quality`
-    (`posegaussian/dags/diagnostics/held_out_quality.py`). NaN where the mask of none of them holds anybody."""
+    (`posegaussian/dags/diagnostics/held_out_quality.py`), whose held-out cameras see somebody."""
     from posegaussian.dags.diagnostics.held_out_quality import compared
     from posegaussian.stages.judge.drawing import score
-    from posegaussian.storage.model.masks import foreground
 
     frames = (context.grid.bounds(p) for p in context.grid.partitions)
     pictures = itertools.chain.from_iterable(compared(context, reference, f) for f in frames)
-    found = [score(p, mask, filmed, mask)[0] for p, filmed, mask in pictures if foreground(mask).any()]
-    return float(np.mean(found)) if found else float("nan")
+    return float(np.mean([score(p.picture, p.mask, p.filmed, p.mask, p.visible)[0] for p in pictures]))
 
 
 def measured(session: Session, name: str, pairs: bool, repeats: int) -> Regret:
     """Run the sequence as decided and with its effects turned. `repeats`: times every stage that differs is timed.
 
-    Raises UserError without held-out cameras, and where a task fails.
+    Raises UserError without held-out cameras, where nobody is in what they filmed, and where a task fails.
     """
+    from posegaussian.dags.diagnostics.held_out_quality import require_subject
+
     own = Context(session.archive.sequence(name), session.configuration.for_sequence(name), ())
     if not own.held_out:
         raise UserError(
@@ -107,6 +107,7 @@ def measured(session: Session, name: str, pairs: bool, repeats: int) -> Regret:
     threads.limit(session.configuration.default.run.threads)
     origin, clock = session.context(name, PATH), Clock(session, "cpu_seconds")
     context, deciding = _as_decided(origin, session)
+    require_subject(context)
     found, ruled_out = switches(context)
     fixed = pinned(context)
     base = _level(origin, fixed)

@@ -186,5 +186,7 @@ def _told(found: Measured, name: str) -> Iterator[str]:
             f"{', '.join(absent)}: not run, the archive has no such sequence with held-out cameras;"
             " docs/guide/datasets.md says how each comes in."
         )
-    yield from dict.fromkeys(f"{r.method} was not run: {r.why}." for _, r in found.results if not r.numbers)
+    yield from dict.fromkeys(
+        f"{r.method} was not run on {r.sequence}: {r.why}." for _, r in found.results if not r.numbers
+    )
     yield from dict.fromkeys(found.protocols)

@@ -18,7 +18,7 @@ from posegaussian.dags.runtime.signals import STATUS as INTERRUPTED
 from posegaussian.dags.session.session import Session
 from posegaussian.dags.simulation.simulate import film_scene
 from posegaussian.storage.archive.store import Archive
-from posegaussian.storage.model.errors import ArchiveError
+from posegaussian.storage.model.errors import ArchiveError, UserError
 
 FILMED = "simulated"
 """Archive of the simulated people that are filmed for the tables, in the output's folder."""
@@ -71,17 +71,25 @@ class Measured:
         return [r for s, r in self.results if s.data_set == data_set and cameras in (None, s.cameras)]
 
 
-def in_archive(session: Session, globs: Sequence[str], sets: Sequence[str], frames: int = 1) -> list[Subject]:
-    """Sequences with held-out cameras, of the data sets that are named and at least so many frames. An archive that is
-    not there has none, unless globs ask for some of it: raises ArchiveError."""
+def in_archive(
+    session: Session, globs: Sequence[str], sets: Sequence[str], frames: int = 1
+) -> tuple[list[Subject], list[str]]:
+    """Sequences with held-out cameras, of the data sets that are named and at least so many frames; and a sentence for
+    each that cannot be read. An archive that is not there has none, unless globs ask for some of it: raises
+    ArchiveError."""
     try:
         names = session.names(globs)
     except ArchiveError:
         if globs:
             raise
-        return []
-    found = [subject(session, name) for name in names]
-    return [s for s in found if s is not None and s.data_set in sets and s.frames >= frames]
+        return [], []
+    found, refused = [], []
+    for name in names:
+        try:
+            found.append(subject(session, name))
+        except UserError as e:
+            refused.append(f"{name}: {e}")
+    return [s for s in found if s is not None and s.data_set in sets and s.frames >= frames], refused
 
 
 def subject(session: Session, name: str) -> Subject | None:
@@ -125,7 +133,7 @@ def measured(subjects: Sequence[Subject], methods: Sequence[Method]) -> Measured
         if made.status == INTERRUPTED:
             return Measured([], [], made.status)
         status = max(status, made.status)
-        protocols.append(made.protocol)
+        protocols += [made.protocol] if made.protocol else []
         each = made.results[: len(own) * len(methods)]
         results += [(own[i // len(methods)], r) for i, r in enumerate(each)]
     return Measured(results, protocols, status)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from posegaussian.dags.evaluation.methods import OURS, Method
@@ -96,10 +96,13 @@ def reproduce(session: Session, order: Order) -> int:
 def _compared(session: Session, order: Order) -> Page | None:
     """None where it was interrupted."""
     table = COMPARED[order.name]
-    known = in_archive(session, order.globs, (*table.sets, SIMULATED), table.frames)
+    known, refused = in_archive(session, order.globs, (*table.sets, SIMULATED), table.frames)
+    session.say(refused, "red")
     people = simulated(session, known, table.wanted, order.output)
     try:
         found = measured([*(s for s in known if s.data_set != SIMULATED), *people], order.methods)
     except UserError as e:
         raise ConfigError(f"evaluate --paper {order.name}: {e}") from e
-    return None if found.status == INTERRUPTED else table.page(found, order)
+    if found.status == INTERRUPTED:
+        return None
+    return table.page(replace(found, status=1) if refused else found, order)

@@ -9,8 +9,9 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from posegaussian.dags.ablation.groups import FOOTAGE
+from posegaussian.dags.compiling.warm_up import steady_seconds
 from posegaussian.dags.evaluation.evaluate import PATHS
-from posegaussian.dags.evaluation.spent import DRAWS, SECONDS, hosts, receipts
+from posegaussian.dags.evaluation.spent import DRAWS, hosts, receipts, told
 from posegaussian.dags.humanize.text import number
 from posegaussian.dags.paper.printed import table
 from posegaussian.dags.planning.plan import Plan
@@ -48,9 +49,9 @@ def runtime(found: Measured) -> Page:
         part.body.append([line, own.get("ms", "-"), *(_text(s.get(line)) for s in spent)])
         part.records.extend(printed(line, its.label, ["ms"], own))
         for subject, plan, s in zip(subjects, plans, spent, strict=True):
-            told = f"{SECONDS}; a picture's of what draws, else a frame's; on {'; '.join(hosts(plan))}"
+            what = f"{told(receipts(plan))}; a picture's of what draws, else a frame's; on {'; '.join(hosts(plan))}"
             where = {"data_set": subject.data_set, "sequence": subject.name}
-            part.records.append(record(line, "ms", _text(s.get(line)), told, **where))
+            part.records.append(record(line, "ms", _text(s.get(line)), what, **where))
     about = [f"The paper's milliseconds: {its.note}", COMPARABLE, *map(_about, subjects, plans)]
     failed = [f"{r.sequence} was not run: {r.why}." for _, r in found.results if not r.numbers]
     title = "Section 4, time of a frame"
@@ -63,7 +64,7 @@ def lines(of: Sequence[Receipt], frames: int, pictures: int) -> dict[str, float]
     spent = dict.fromkeys((SPLATTING, POSE, IMAGE, STABILIZER, REST), 0.0)
     parts: defaultdict[str, float] = defaultdict(float)
     for r in of:
-        ms = 1000 * float(r.facts.get("seconds") or 0.0)
+        ms = 1000 * steady_seconds(r.facts)
         if stage_named(r.stage).sequence_wide:
             parts[f"{ONCE}: {r.stage}"] += ms
             continue

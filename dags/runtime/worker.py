@@ -22,6 +22,7 @@ import numpy as np
 
 from posegaussian.dags.assets.digest import asset_digest
 from posegaussian.dags.compiling.kernels import compile_once
+from posegaussian.dags.compiling.warm_up import WARM_UP, warm_up_timed
 from posegaussian.dags.provenance import builds
 from posegaussian.dags.provenance.code_digest import here_is
 from posegaussian.dags.runtime import threads
@@ -185,7 +186,7 @@ def _make(sequence: SequenceGroup, order: WorkOrder, lease: Lease) -> Receipt:
     warnings: list[str] = []
     noted: dict[str, Any] = {}
     inputs = StoreInputs(order)
-    with Peak() as peak:
+    with Peak() as peak, warm_up_timed(inputs.timed):
         outputs = [
             _write(sequence, stage, order, block, lease)
             for block in _noting(stage, _checked(stage, kernel(inputs, order.params), order, warnings), noted)
@@ -201,7 +202,9 @@ def _make(sequence: SequenceGroup, order: WorkOrder, lease: Lease) -> Receipt:
         "unit": order.load.unit,
     }
     facts |= {"noted": noted} if noted else {}
-    facts |= {"modules": {name: round(s, 6) for name, s in spent.items()}} if (spent := inputs.seconds) else {}
+    spent = {name: round(s, 6) for name, s in inputs.seconds.items()}
+    facts |= {WARM_UP: spent.pop(WARM_UP, 0.0)}
+    facts |= {"modules": spent} if spent else {}
     facts |= {"run": lease.holder.run, "token": lease.holder.token, "worker": lease.holder.worker}
     receipt = Receipt(
         order.stage,

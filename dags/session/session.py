@@ -290,19 +290,27 @@ class Session:
     def usable(
         self, names: Sequence[str], paths: tuple[str, ...], selection: Selection
     ) -> tuple[list[Plan], list[str]]:
-        """Plans of the sequences that can be planned, and a sentence for each that cannot; raises when none can."""
+        """As `planned`, with a sentence for each other; raises when none can be."""
         self.say(self.configuration.idle(self.archive.names()), "yellow")
-        plans, errors = [], []
+        plans, why = self.planned(names, paths, selection)
+        errors = [f"{n}: {w}" for n, w in why.items()]
+        if not plans:
+            raise ConfigError("\n".join(errors))
+        return plans, errors
+
+    def planned(
+        self, names: Sequence[str], paths: tuple[str, ...], selection: Selection
+    ) -> tuple[list[Plan], dict[str, str]]:
+        """Plans of the sequences that can be, and why others cannot, by name."""
+        plans, why = [], {}
         for name in names:
             try:
                 plans.append(self.plan(name, selection, paths))
             except UserError as e:
-                errors.append(f"{name}: {e}")
-            except Exception as e:  # whatever is wrong with one of a hundred sequences, the others are planned
-                errors.append(f"{name}: cannot be planned: {type(e).__name__}: {e}")
-        if not plans:
-            raise ConfigError("\n".join(errors))
-        return plans, errors
+                why[name] = str(e)
+            except Exception as e:  # whatever is wrong with one, the others are planned
+                why[name] = f"cannot be planned: {type(e).__name__}: {e}"
+        return plans, why
 
     def run_and_report(
         self,

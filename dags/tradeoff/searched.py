@@ -123,7 +123,6 @@ class Trials:
         self.asked = Counter[int]()
         """Trials of each rung."""
         self.clock = Clock(session, frames=origin.grid.frames)
-        self._warm: set[tuple[str, str]] = set()
 
     def __call__(self, setting: Setting, rung: int) -> Tried | None:
         """What came of a setting; None, and a sentence, where it cannot be."""
@@ -137,12 +136,6 @@ class Trials:
             self.session.say([f"{self._label(setting)}: left out: {e}"])
             return None
         level.quality = quality(level.context, reference)
-        if MEASURE not in level.quality:
-            frames = middle(self.origin, self.frames[rung])
-            raise UserError(
-                f"tradeoff: no held-out camera has a picture of the subject in frames {frames} of"
-                f" {self.origin.sequence.name}; choose others with frames.range, or hold out other cameras"
-            )
         found = Tried(level.seconds, level.quality[MEASURE])
         told = f"{found.total:.2f} s a frame, {found.quality:.2f} dB"
         self.session.say([f"{number(self.frames[rung], 'frame')}, {self._label(setting)}: {told}"])
@@ -150,12 +143,16 @@ class Trials:
 
     def reference(self, rung: int) -> Context:
         """Whose pictures truth is taken from: of the setting of today, at the largest size that is searched. Raises
-        UserError where that cannot be run."""
+        UserError where that cannot be run, and where nobody is in the pictures."""
+        from posegaussian.dags.diagnostics.held_out_quality import require_subject
+
         setting = self.own
         if "frames.size" in self.levels:
             at = list(self.levels).index("frames.size")
             setting = (*self.own[:at], len(self.levels["frames.size"]) - 1, *self.own[at + 1 :])
-        return self._run(setting, rung).context
+        context = self._run(setting, rung).context
+        require_subject(context)
+        return context
 
     def account(self) -> str:
         """How many settings were tried on how many frames."""
@@ -164,11 +161,9 @@ class Trials:
         return f"of {number(every, 'setting')} {', '.join(parts)} were tried"
 
     def _run(self, setting: Setting, rung: int) -> Level:
-        """Run once; what an earlier one made and would come out equal is taken over.
-
-        A first task of a stage loads libraries, weights and kernels, which no later one does: it is run again. On the
-        last rung so is what an earlier run made, whose seconds are from other circumstances.
-        """
+        """Run once; what an earlier one made and would come out equal is taken over, but for what did not run in this
+        process yet, and on the last rung for all that was not timed in it: seconds of an earlier run are from other
+        circumstances."""
         if (setting, rung) in self.made:
             return self.made[setting, rung]
         values = {knob: levels[i] for (knob, levels), i in zip(self.levels.items(), setting, strict=True)}
@@ -177,19 +172,15 @@ class Trials:
             values, settled_variant(self.origin.sequence, level_settings(self.origin, different), different, PATH)
         )
         self.clock.run(level)
-        own = {s: str({k: v for k, v in values.items() if k.startswith(f"{s}.")}) for s in level.identities}
-        cold = frozenset(s for s in own if (s, own[s]) not in self._warm and not stage_named(s).sequence_wide)
-        for stage in cold:
-            self.clock.times.pop((stage, level.identities[stage]), None)
-        self._warm |= {(s, own[s]) for s in cold}
-        if rung == len(self.frames) - 1:
-            cold = frozenset(
-                s
-                for s, identity in level.identities.items()
-                if not stage_named(s).sequence_wide and not self.clock.times.get((s, identity))
-            )
-        if cold:
-            self.clock.run(level, cold)
+        last = rung == len(self.frames) - 1
+        elsewhere = frozenset(
+            s
+            for s, identity in level.identities.items()
+            if not self.clock.is_warm(level, s)
+            or (last and not stage_named(s).sequence_wide and not self.clock.times.get((s, identity)))
+        )
+        if elsewhere:
+            self.clock.run(level, elsewhere)
         level.seconds = self.clock.seconds(level)
         self.made[setting, rung] = level
         return level

@@ -18,6 +18,7 @@ from typing import Any, Literal
 
 from pydantic import ValidationError
 
+from posegaussian.dags.compiling.warm_up import steady_seconds
 from posegaussian.dags.config.faults import dotted, faults_of
 from posegaussian.dags.config.settings import Settings, merge
 from posegaussian.dags.config.yaml_source import parse_value
@@ -36,6 +37,7 @@ from posegaussian.stages.contract.declaration import extra
 from posegaussian.stages.registry import STAGES
 from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.archive import ledger
+from posegaussian.storage.archive.receipts import Receipt
 from posegaussian.storage.archive.store import Archive, SequenceGroup
 from posegaussian.storage.files.write import write_atomically
 from posegaussian.storage.model.errors import ConfigError, UserError
@@ -137,10 +139,25 @@ class Clock:
         sequence is shared by its `frames`; None: by those of a level, which are all of them."""
         self.session, self.fact, self.frames = session, fact, frames
         self.times: dict[tuple[str, str], list[float]] = defaultdict(list)
+        self._warm: set[tuple[str, str]] = set()
 
     def run(self, level: Level, force: frozenset[str] = frozenset()) -> None:
         """Run what is not fresh and what is forced; note the seconds of every stage that ran whole. Raises UserError
-        when a task fails."""
+        when a task fails.
+
+        A stage that runs for the first time in this process loads libraries, weights and kernels, which it does not do
+        again: it is run once more, and that counts.
+        """
+        if cold := self._run(level, force):
+            self._run(level, cold)
+
+    def is_warm(self, level: Level, stage: str) -> bool:
+        """Whether a stage ran in this process under the level's knobs of its own; what is made once a sequence always
+        counts as if."""
+        return stage_named(stage).sequence_wide or (stage, _own_knobs(level, stage)) in self._warm
+
+    def _run(self, level: Level, force: frozenset[str]) -> frozenset[str]:
+        """Run; the stages that ran whole and were cold, whose seconds are not noted."""
         from posegaussian.dags.runtime.executors.inline_run import RunFailed, run_here
 
         idle = level.context.unneeded()
@@ -149,22 +166,33 @@ class Clock:
         plan = make_plan(level.context, selection)
         try:
             for task, receipt in run_here(plan, selection, self.session.configuration.default.run.threads).items():
-                seconds[task.stage][task] = receipt.facts[self.fact]
+                seconds[task.stage][task] = self._of(receipt)
         except RunFailed as e:
             raise UserError(f"tradeoff: {level.label()}: {e}") from e
         level.identities = identities(level.context)
-        for stage, of_tasks in seconds.items():
-            # a stage that a choice left without a reader is no part of the level
-            if stage in level.identities and all(t in of_tasks for t in plan.verdicts if t.stage == stage):
-                self.times[stage, level.identities[stage]].append(sum(of_tasks.values()))
+        # a stage that a choice left without a reader is no part of the level
+        whole = [
+            s
+            for s, of in seconds.items()
+            if s in level.identities and all(t in of for t in plan.verdicts if t.stage == s)
+        ]
+        cold = frozenset(s for s in whole if not self.is_warm(level, s))
+        self._warm |= {(s, _own_knobs(level, s)) for s in seconds}
+        for stage in whole:
+            if stage not in cold:
+                self.times[stage, level.identities[stage]].append(sum(seconds[stage].values()))
+        return cold
 
     def measure(self, levels: Sequence[Level], repeats: int) -> None:
         """Run every level once, then what differs between them until it has `repeats` times;
-        fills in seconds a frame."""
+        fills in seconds a frame. Raises UserError where nobody is in what levels are compared with: after the first."""
+        from posegaussian.dags.diagnostics.held_out_quality import require_subject
+
         for i, level in enumerate(levels):
             self.session.say([f"level {i + 1} of {len(levels)}: {level.label()}"])
             share(level.context, others(_origin(level.context)))
             self.run(level)
+            require_subject(level.context)
         differing = {
             s for level in levels for s in level.identities if len({other.identities.get(s) for other in levels}) > 1
         }
@@ -184,13 +212,22 @@ class Clock:
         or the sum over the receipts of a stage taken over."""
         once: dict[str, float] = defaultdict(float)
         for task, receipt in Book.open(level.context).receipts.items():
-            once[task.stage] += receipt.facts.get(self.fact, 0.0)
+            once[task.stage] += self._of(receipt)
         own = level.context.grid.frames
         return {
             s: (statistics.median(t) if (t := self.times.get((s, i))) else once[s])
             / (self.frames or own if stage_named(s).sequence_wide else own)
             for s, i in level.identities.items()
         }
+
+    def _of(self, receipt: Receipt) -> float:
+        """Seconds of one task."""
+        return steady_seconds(receipt.facts) if self.fact == "seconds" else float(receipt.facts.get(self.fact, 0.0))
+
+
+def _own_knobs(level: Level, stage: str) -> str:
+    """The level's values of a stage's own knobs: with others it may load other libraries and kernels."""
+    return str({k: v for k, v in level.values.items() if k.startswith(f"{stage}.")})
 
 
 def _origin(context: Context) -> SequenceGroup:

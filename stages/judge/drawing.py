@@ -64,9 +64,11 @@ def _scores(others: Frames, filmed: np.ndarray, view: int) -> np.ndarray:
     return out
 
 
-def score(color: np.ndarray, alpha: np.ndarray, filmed: np.ndarray, mask: np.ndarray) -> tuple[float, float, float]:
+def score(
+    color: np.ndarray, alpha: np.ndarray, filmed: np.ndarray, mask: np.ndarray, visible: np.ndarray | None = None
+) -> tuple[float, float, float]:
     """PSNR in dB and SSIM in the box, and the share of the person covered, of a picture [h, w, 3] uint8 on black with
-    alpha [h, w] against a filmed one and its mask [h, w].
+    alpha [h, w] against a filmed one and its mask [h, w]; `visible` [h, w] bool: pixels that count, all by default.
 
     The picture is first brought to the filmed one's light, by one gain a channel (least squares inside the mask): what
     a camera's own exposure is, other cameras cannot know, and no seam follows from it.
@@ -74,6 +76,6 @@ def score(color: np.ndarray, alpha: np.ndarray, filmed: np.ndarray, mask: np.nda
     inside, picture = foreground(mask), color.astype(np.float64)
     truth = filmed[inside] * (mask[inside, None] / 255.0)
     gains = (truth * picture[inside]).sum(axis=0) / np.maximum((picture[inside] ** 2).sum(axis=0), 1.0)
-    values = measure(np.clip(picture * gains, 0, 255), filmed, mask, PLAIN)
+    values = measure(np.clip(picture * gains, 0, 255), filmed, mask, PLAIN, visible)
     psnr, ssim = (float(values["box", name]) for name in PLAIN.measures)  # type: ignore[arg-type]
     return psnr, ssim, float(foreground(alpha)[inside].mean())

@@ -12,6 +12,7 @@ from posegaussian.stages.metrics.measures.declaration import Metric, Pictures, U
 from posegaussian.stages.metrics.measures.registry import METRICS
 from posegaussian.stages.metrics.params import MetricsParams
 from posegaussian.stages.silhouettes.hidden import Witnesses
+from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.masks import FOREGROUND, foreground
 
 COLUMNS = ("camera", "frame", "region", "measure", "value", "background", "definition")
@@ -33,10 +34,11 @@ def run(inputs: Inputs, params: MetricsParams) -> Iterator[Block]:
 
     Both pictures are premultiplied on black: the truth is its picture times its own soft mask, so that the background
     is the same in both and carries no error. A box or mask value of a map is the mean of the full picture's map
-    over it; a change is that from the previous frame of the sequence. Frames that a camera does not serve or that have
-    no picture give no rows; an empty mask gives no rows of box and mask. A measure that something is missing for has
-    rows without a value, whose definition says what. Pixels in which the subject stands behind something, as the source
-    views say, do not count (`posegaussian.stages.silhouettes.hidden`); the rows' definition and a note tell.
+    over it; a change is that from the previous frame of the sequence. Frames that a camera does not serve, that have no
+    picture or whose mask holds nobody give no rows, nor does a change from or to one: black equals black, whatever is
+    drawn of a person. A note tells how many hold nobody. A measure that something is missing for has rows without a
+    value, whose definition says what. Pixels in which the subject stands behind something, as the source views say, do
+    not count (`posegaussian.stages.silhouettes.hidden`); the rows' definition and a note tell.
     """
     path = inputs.path
     assert path is not None, "metrics run over a camera path"
@@ -44,25 +46,33 @@ def run(inputs: Inputs, params: MetricsParams) -> Iterator[Block]:
     halo = inputs.partition.start - span.start
     rendered = inputs.read("rendering/{path}/color")
     table: dict[str, list[Any]] = {name: [] for name in COLUMNS}
-    notes, witnesses = [], _witnesses(inputs, span)
+    sources = {v: inputs.read("frames/mask", v) for v in inputs.views.sources}
+    notes, witnesses = [], witnesses_of(inputs.rig, sources, len(span))
     for c, view in enumerate(inputs.views.held_out):
         truth, mask = inputs.read("frames/color", view), inputs.read("frames/mask", view)
         width, height = (int(n) for n in path.size[c])
         before: Values = {}
-        shares = []
+        shares: list[float] = []
+        empty = 0
         for j, frame in enumerate(span):
             crop = (j, slice(0, height), slice(0, width))
             usable = bool(path.served[j, c]) and (j < halo or bool(inputs.valid[j - halo, view]))
+            # whether a frame of the halo had a picture is not known here; a mask of nobody says that it had none
+            shown = foreground(mask[crop]).any()
             now, visible = Values(), None
-            if usable:
+            if usable and shown:
                 wanted = params if j >= halo else params.before  # a frame of the halo is compared with alone
-                visible, share = _visible(witnesses[j], view, mask[j], crop[1:])
+                visible, share = visible_pixels(witnesses[j], view, mask[j], crop[1:])
                 shares += [share] if j >= halo else []
                 now = measure(rendered[:, c][crop], truth[crop], mask[crop], wanted, visible)
             if j >= halo:
+                empty += usable and not shown
                 _append(table, path.names[c], frame, now, before, params, visible is not None)
-            # whether a frame of the halo had a picture is not known here; an empty mask says that it had none
-            before = now if mask[crop].any() else {}
+            before = now
+        if empty:
+            notes.append(
+                f"{path.names[c]}: nobody is in {empty} of {len(span) - halo} frames by its mask; they are not measured"
+            )
         if any(shares):
             notes.append(
                 f"{path.names[c]}: the subject stands behind something in {np.count_nonzero(shares)} of"
@@ -94,17 +104,16 @@ class Region(NamedTuple):
         return Pictures(cut.picture * counted[..., None], cut.truth * counted[..., None], cut.data_range, counted)
 
 
-def _witnesses(inputs: Inputs, span: range) -> list[Witnesses]:
-    """What the source views know of the subject, frame by frame."""
-    masks = {v: inputs.read("frames/mask", v) for v in inputs.views.sources}
-    return [Witnesses(inputs.rig, {v: m[j] for v, m in masks.items()}) for j in range(len(span))]
+def witnesses_of(rig: Rig, masks: Mapping[int, np.ndarray], frames: int) -> list[Witnesses]:
+    """What the source views know of the subject, frame by frame, of their masks [F, h, w] uint8 by view."""
+    return [Witnesses(rig, {v: m[j] for v, m in masks.items()}) for j in range(frames)]
 
 
-def _visible(
+def visible_pixels(
     witnesses: Witnesses, view: int, mask: np.ndarray, crop: tuple[slice, slice]
 ) -> tuple[np.ndarray | None, float]:
-    """[h, w] bool, pixels of the picture that count, and the share of the subject that is hidden; None and 0 where
-    nothing is."""
+    """[h, w] bool, pixels of the crop of a picture that count, and the share of the subject that is hidden; None and 0
+    where nothing is. `mask`: [H, W] uint8 of the whole array."""
     hidden = witnesses.hidden(view, mask)[crop]
     return (~hidden, float(hidden.sum() / (hidden | foreground(mask[crop])).sum())) if hidden.any() else (None, 0.0)
 

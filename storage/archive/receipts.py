@@ -34,7 +34,7 @@ MOST_NUMBER = 2**31
 _KEY = re.compile(r"c((/[0-9]{1,10})*|(\.[0-9]{1,10})*)|(all|p[0-9]{6,10})\.parquet")
 """What follows an array's or a table's name in the key of a file: a shard's place, or a partition of a table."""
 
-NUMBERS = ("seconds", "cpu_seconds", "work", "raw_bytes", "peak_rss", "projected_ram")
+NUMBERS = ("seconds", "warm_up", "cpu_seconds", "work", "raw_bytes", "peak_rss", "projected_ram")
 """Facts that are counted together."""
 
 TEXTS = ("unit", "started", "host", "worker", "device", "run", "token")

@@ -171,11 +171,12 @@ def test_evaluate_takes_what_was_fetched_unless_the_settings_name_files(
     published: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pip_gives_lpips(monkeypatch, published)
-    plain = load_configuration(None, [], folder=Path("/")).default.metrics
+    plain = load_configuration(None, [], folder=Path("/"))
     assert asked(plain, "lpips_alex") == ['metrics.measures=["psnr", "ssim", "delta_ssim", "lpips_alex"]']
     downloads.fetch("lpips")
-    own = load_configuration(None, asked(plain, "lpips_alex, flip"), folder=Path("/")).default.metrics
+    named = load_configuration(None, asked(plain, "lpips_alex, flip"), folder=Path("/"))
+    own = named.default.metrics
     assert own.measures == ["psnr", "ssim", "delta_ssim", "lpips_alex", "flip"]
     assert set(own.lpips_weights) == set(own.lpips_sha256) == {"alex", "alex_linear", "vgg", "vgg_linear"}
     assert asked(plain, "flip") == ['metrics.measures=["psnr", "ssim", "delta_ssim", "flip"]']
-    assert len(asked(own, "lpips_vgg")) == 1, "files that the settings name stay"
+    assert len(asked(named, "lpips_vgg")) == 1, "files that the settings name stay"

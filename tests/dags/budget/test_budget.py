@@ -53,7 +53,8 @@ def test_amounts_are_read_in_every_unit(unit: str, a_frame: bool) -> None:
     amount = Amount.of(f" 1.5 {unit}{' / frame' if a_frame else ''}")
     assert (amount.seconds, amount.a_frame) == (1.5 * UNITS[unit], a_frame)
     assert str(amount) == f"1.5 {unit}{' / frame' if a_frame else ''}", "as it was written"
-    assert Amount.of(amount.enough(7.3, 10)).over(10) >= 7.3, "what is advised is enough"
+    for seconds in (7.3e-3, 7.3, 7.3e3):
+        assert Amount.of(amount.enough(seconds, 10)).over(10) >= seconds, "what is advised is enough"
     assert amount.over(10) == pytest.approx(amount.seconds * (10 if a_frame else 1))
 
 

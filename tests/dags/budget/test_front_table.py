@@ -105,6 +105,10 @@ def test_what_is_no_front_is_refused_in_a_sentence(
     write_parquet(tmp_path / "beaten.parquet", [row("24", "none", "0", 1.0, 22.0, False)], {"sequence": "walk"})
     with pytest.raises(ConfigError, match="no line of it is on the front"):
         front_points(tmp_path / "beaten.parquet")
+    unmeasured = {**row("24", "none", "0", 1.0, 22.0, True), "psnr box dB": None}
+    write_parquet(tmp_path / "unmeasured.parquet", [unmeasured], {"sequence": "walk"})
+    with pytest.raises(ConfigError, match="no line of it is on the front with a number of psnr box dB"):
+        front_points(tmp_path / "unmeasured.parquet")
     write_parquet(tmp_path / "older.parquet", [row("24", "none", "many", 1.0, 22.0, True)], {"sequence": "walk"})
     with pytest.raises(ConfigError, match=r"line 1 of older\.parquet: refinement\.steps"):
         bought(session_of(finished), [NAME], (), Selection(), "9s/frame", front=tmp_path / "older.parquet")
@@ -122,3 +126,15 @@ def test_nothing_that_fits_names_what_the_cheapest_takes(
     monkeypatch.setattr(expected, "seconds", lambda *_: (1e3, 0.0))
     with pytest.raises(ConfigError, match=r"the cheapest settings already take line 3 of tradeoff.* 22\.00 dB on held"):
         affordable(session_of(finished), [NAME], (), Amount.of("1s/frame"), Selection(), front_points(table))
+
+
+@pytest.mark.parametrize(("amount", "helps"), [("1s/frame", False), ("2s", True)])
+def test_fewer_frames_are_advised_where_they_help(
+    finished: Pipeline, table: Path, monkeypatch: pytest.MonkeyPatch, amount: str, helps: bool
+) -> None:
+    """An amount a frame is harder to meet with fewer: they share what is made once."""
+    monkeypatch.setattr(Probe, "rates", lambda probe, values: {})
+    monkeypatch.setattr(expected, "seconds", lambda *_: (1e3, 0.0))
+    with pytest.raises(ConfigError, match=r"give at least [\d.]+s.* fewer views by views\.sources") as told:
+        affordable(session_of(finished), [NAME], (), Amount.of(amount), Selection(), front_points(table))
+    assert ("fewer frames by frames.range" in str(told.value)) is helps

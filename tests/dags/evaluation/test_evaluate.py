@@ -5,21 +5,29 @@ from __future__ import annotations
 import itertools
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from rich.console import Console
 
 from posegaussian.dags.config.settings import load_configuration
+from posegaussian.dags.evaluation import evaluate as evaluation
+from posegaussian.dags.evaluation.asked import asked
 from posegaussian.dags.evaluation.evaluate import Evaluation, evaluate, measurable
 from posegaussian.dags.evaluation.measured import REGIONS, pictures
 from posegaussian.dags.evaluation.methods import OURS, chosen
 from posegaussian.dags.evaluation.results import Result, with_means
-from posegaussian.dags.evaluation.tables import columns, latex, markdown, rows
+from posegaussian.dags.evaluation.tables import columns, definitions, latex, markdown, rows
+from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.results import Results
+from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.variants import others
 from posegaussian.storage.archive.receipts import scan_receipts
+from posegaussian.storage.archive.store import SequenceGroup
 from posegaussian.storage.model.errors import ConfigError
 from tests.dags.cli.test_cli import assert_says, posegaussian
 from tests.dags.tradeoff.test_tradeoff import files
@@ -57,7 +65,7 @@ def test_seconds_are_those_of_the_receipts_and_gaussians_are_counted(evaluated: 
     archive, made, _ = evaluated
     spent = {r.stage: 0.0 for r in scan_receipts(archive.context().sequence)}
     for r in scan_receipts(archive.context().sequence):
-        spent[r.stage] += r.facts["seconds"]
+        spent[r.stage] += r.facts["seconds"] - r.facts["warm_up"]
     numbers = of(made, OURS).numbers
     a_frame = sum(s for stage, s in spent.items() if stage not in ("metrics", "survey", "judge")) / 6
     assert numbers["ms_a_frame", "", "mean"].value == pytest.approx(1000 * a_frame)
@@ -228,6 +236,92 @@ def test_a_sequence_that_cannot_be_read_is_named_and_the_others_are_measured(eva
     shutil.rmtree(archive.root / NAME)
     with pytest.raises(ConfigError, match=r"^broken: "):
         measurable(archive.session, [])
+
+
+def test_a_method_that_one_sequence_cannot_have_loses_nothing_else(
+    evaluated: tuple, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nor does one that none can have."""
+    archive = evaluated[0].copy(tmp_path / "archive")
+    shutil.copytree(archive.root / NAME, archive.root / "other")
+    made = evaluation.settled_variant
+
+    def refusing(origin: SequenceGroup, settings: Any, different: dict[str, Any], paths: tuple[str, ...]) -> Context:
+        if origin.name == "other" or "rendering.method" in different:
+            raise ConfigError("that cannot be")
+        return made(origin, settings, different, paths)
+
+    monkeypatch.setattr(evaluation, "settled_variant", refusing)
+    said = Console(record=True, width=200)
+    session = replace(archive.session, console=said)
+    found = evaluate(session, [NAME, "other"], chosen(f"{OURS},hull,ibr"))
+    assert found.status == 1
+    there = {(r.sequence, r.method): r.why for r in found.results if r.sequence in (NAME, "other")}
+    refused = {("other", "hull"), (NAME, "ibr"), ("other", "ibr")}
+    assert {k for k, why in there.items() if why} == refused
+    assert all(there[k] == "that cannot be" for k in refused)
+    words = said.export_text()
+    page = markdown(found.results, found.protocol)
+    for sequence, method in refused:
+        assert f"{sequence}: {method}: that cannot be" in words
+        assert f"- {sequence}, {method}: not run: that cannot be." in page
+    ours = evaluate(archive.session, [NAME], chosen(f"{OURS},hull")).results
+    assert [r for r in found.results if r.sequence == NAME][:2] == ours
+
+
+def test_pictures_of_nobody_are_counted_below_the_table(evaluated: tuple) -> None:
+    archive, made, _ = evaluated
+    ours = of(made, OURS)
+    assert ours.empty == 0
+    told = markdown([replace(ours, empty=2)], made.protocol)
+    assert told[-1] == f"- {NAME}: nobody is in 2 held-out pictures, which are not measured."
+    plan = archive.session.plan(NAME, Selection(), ("held_out",))
+    rows_of = [row("mid00", f, "psnr", 30.0) for f in range(6)]
+    assert evaluation._empty(plan.context, rows_of[:4]) == 2
+    assert evaluation._empty(plan.context, rows_of) == 0
+
+
+def test_the_mean_of_rates_is_that_of_what_they_take(evaluated: tuple) -> None:
+    _, made, _ = evaluated
+    ours = of(made, OURS)
+    rate, time = ("frames_a_second", "", "mean"), ("ms_a_frame", "", "mean")
+    numbers = {
+        rate: replace(ours.numbers[rate], value=1000 / (3 * ours.numbers[time].value)),
+        time: replace(ours.numbers[time], value=3 * ours.numbers[time].value),
+    }
+    slower = replace(ours, sequence="other", numbers={**ours.numbers, **numbers})
+    *_, mean = with_means([ours, slower])
+    assert mean.numbers[rate].value == pytest.approx(1000 / mean.numbers[time].value)
+    assert mean.numbers[rate].definition.startswith("harmonic mean over 2 sequences; ")
+
+
+def test_what_is_missing_in_part_is_explained_below_the_table(evaluated: tuple) -> None:
+    _, made, _ = evaluated
+    ours = of(made, OURS)
+    box, gaussians = ("psnr", "box", "mean"), ("gaussians", "", "mean")
+    numbers = {k: n for k, n in ours.numbers.items() if k[1] != "box"}
+    numbers[gaussians] = replace(numbers[gaussians], value=None, definition="not known: why")
+    other = replace(ours, sequence="other", numbers=numbers)
+    results = with_means([other, ours])
+    page = markdown(results, made.protocol)
+    assert f"- other, {OURS}: Gaussians a frame: not known: why." in page
+    (line,) = [x for x in page if x.startswith(f"- other, {OURS}: PSNR, dB box; ")]
+    assert line.endswith(": no picture of it has one.")
+    (line,) = [x for x in page if x.startswith(f"- mean of 2, {OURS}: ")]
+    assert line.endswith("; Gaussians a frame: there on 1 of 2 sequences.")
+    assert results[-1].numbers[box].value is None
+    (line,) = [x for x in definitions(results) if x.startswith("- Gaussians a frame: ")]
+    assert "not known" not in line
+
+
+def test_measures_that_are_asked_for_are_measured_on_sequences_with_some_of_their_own() -> None:
+    own = ["sequences={walk*: {metrics: {measures: [ssim]}, depth: {pairs: 3}}, run: {depth: {pairs: 1}}}"]
+    before = load_configuration(None, own, folder=Path("/"))
+    after = load_configuration(None, [*own, *asked(before, "ms_ssim,psnr")], folder=Path("/"))
+    plain = before.default.metrics.measures
+    assert after.default.metrics.measures == after.for_sequence("run").metrics.measures == [*plain, "ms_ssim"]
+    assert after.for_sequence("walk1").metrics.measures == ["ssim", "ms_ssim", "psnr"]
+    assert [after.for_sequence(n).depth.pairs for n in ("walk1", "run")] == [3, 1], "all else stays"
 
 
 def test_the_command_writes_three_files_and_ends_with_the_next_one(evaluated: tuple, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -13,15 +14,16 @@ import pytest
 
 from posegaussian.dags.ablation.groups import SimulatedFootage
 from posegaussian.dags.ablation.tables import report
+from posegaussian.dags.compiling.warm_up import steady_seconds
 from posegaussian.dags.evaluation.evaluate import PATHS, evaluate
 from posegaussian.dags.evaluation.methods import OURS, chosen
 from posegaussian.dags.evaluation.results import SIMULATED, data_set
-from posegaussian.dags.evaluation.spent import receipts
+from posegaussian.dags.evaluation.spent import receipts, told
 from posegaussian.dags.paper.printed import ablation, table
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.reproduction import ablated, reproduce
 from posegaussian.dags.reproduction.page import NOT_RUN, Page, markdown
-from posegaussian.dags.reproduction.people import FILMED, SEEDS, Wanted
+from posegaussian.dags.reproduction.people import FILMED, SEEDS, Wanted, in_archive
 from posegaussian.dags.reproduction.runtime import REST, SPLATTING, WHOLE, lines
 from posegaussian.dags.training.config import load_training
 from posegaussian.storage.model.capture import Capture
@@ -114,10 +116,8 @@ def test_a_sequence_of_a_data_set_stands_beside_the_papers_numbers_of_it(second:
 
 
 def test_an_archive_that_is_not_there_has_no_sequences_unless_some_are_asked_for(tmp_path: Path) -> None:
-    from posegaussian.dags.reproduction.people import in_archive
-
     session = Pipeline(tmp_path / "none", tmp_path).session
-    assert in_archive(session, (), ("ZJU-MoCap",)) == []
+    assert in_archive(session, (), ("ZJU-MoCap",)) == ([], [])
     with pytest.raises(ArchiveError):
         in_archive(session, ("walk",), ("ZJU-MoCap",))
 
@@ -142,6 +142,31 @@ def test_every_millisecond_of_a_frame_is_in_one_of_the_papers_lines() -> None:
     assert found["once a sequence: survey"] == pytest.approx(50_000), "no part of a frame"
 
 
+def test_what_a_process_spends_once_is_no_time_of_a_frame() -> None:
+    first, later = receipt("depth", 40.0), receipt("depth", 2.0)
+    first.facts["warm_up"], later.facts["warm_up"] = 38.0, 0.0
+    found = [lines([r], frames=1, pictures=1) for r in (first, later)]  # type: ignore[list-item]
+    assert found[0] == found[1]
+    assert "but in tasks of a version" not in told([first, later])  # type: ignore[list-item]
+    assert lines([receipt("depth", 40.0)], frames=1, pictures=1)[WHOLE] == 40_000  # type: ignore[list-item]
+    assert "but in tasks of a version" in told([receipt("depth", 40.0)])  # type: ignore[list-item]
+
+
+def test_a_sequence_that_cannot_be_read_is_named_and_the_others_are_measured(second: tuple, tmp_path: Path) -> None:
+    archive = second[0].copy(tmp_path / "archive")
+    shutil.copytree(archive.root / NAME, archive.root / "other")
+    bad = archive.with_settings("sequences={other: {views: {held_out: [camXX]}}}").session
+    found, refused = in_archive(bad, (), (SIMULATED,))
+    assert [s.name for s in found] == [NAME]
+    (sentence,) = refused
+    assert sentence.startswith("other: ")
+    assert "camXX" in sentence
+    page = reproduce._compared(bad, replace(order("runtime", tmp_path), methods=chosen(OURS)))
+    assert page is not None
+    assert page.status == 1
+    assert any(NAME in column for column in page.parts[0].head)
+
+
 def test_runtime_is_what_the_receipts_say(second: tuple, tmp_path: Path) -> None:
     archive, _, _ = second
     own = replace(order("runtime", tmp_path), methods=chosen(OURS))
@@ -150,7 +175,7 @@ def test_runtime_is_what_the_receipts_say(second: tuple, tmp_path: Path) -> None
     (part,) = page.parts
     assert [row[:2] for row in part.body[:6]] == [[k, v["ms"]] for k, v in table("runtime").rows.items()]
     of = receipts(archive.session.plan(NAME, Selection(), PATHS))
-    drawing = sum(r.facts["seconds"] for r in of if r.stage == "rendering")
+    drawing = sum(steady_seconds(r.facts) for r in of if r.stage == "rendering")
     values = {r["row"]: r["value"] for r in part.records if r["source"] == "here"}
     assert values[SPLATTING] == pytest.approx(1000 * drawing / 6, rel=0.01)
     five = [values[k] for k in table("runtime").rows if k != WHOLE]

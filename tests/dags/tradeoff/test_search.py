@@ -23,8 +23,9 @@ from posegaussian.dags.tradeoff.search import (
     search,
     to_screen,
 )
-from posegaussian.dags.tradeoff.searched import against_own, run_search, space
+from posegaussian.dags.tradeoff.searched import Trials, against_own, run_search, space
 from posegaussian.dags.tradeoff.surrogate import Setting, predicted, predicted_seconds
+from posegaussian.dags.tradeoff.tradeoff import Clock, with_truth
 from posegaussian.storage.model.errors import ConfigError
 from tests.support.pipeline import NAME, Pipeline
 
@@ -217,6 +218,27 @@ def test_a_second_search_tries_the_same_and_makes_little_anew(
         values = {**level.values, "frames.size": None}
         told = before.get(str({k: values[k] for k in ("depth.method", "frames.size", "rendering.sources")}))
         assert told is None or told == level.quality
+
+
+def test_what_an_earlier_search_made_is_timed_once_it_ran_in_this_process(
+    searched: tuple[Pipeline, list[Level], tuple[str, ...], Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    archive = searched[0]
+    origin = with_truth(archive.session, NAME)
+    trials = Trials(archive.session, origin, space(origin, ["rendering.sources"], ["rendering.sources=1,2,3"]))
+    calls: list[tuple[frozenset[str], frozenset[str]]] = []
+    run = Clock._run
+
+    def noted(clock: Clock, level: Level, force: frozenset[str]) -> frozenset[str]:
+        calls.append((force, run(clock, level, force)))
+        return calls[-1][1]
+
+    monkeypatch.setattr(Clock, "_run", noted)
+    level = trials._run(trials.own, len(trials.frames) - 1)
+    (_, first), (forced, cold), (again, last) = calls
+    assert {"frames", "depth", "rendering"} <= forced
+    assert (first, cold, again, last) == (frozenset(), forced, forced, frozenset())
+    assert all(len(trials.clock.times[s, level.identities[s]]) == 1 for s in forced)
 
 
 def level(seconds: float, psnr: float, **values: object) -> Level:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -12,11 +13,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from posegaussian.dags.config.settings import load_configuration
 from posegaussian.dags.diagnostics.held_out_quality import quality
 from posegaussian.dags.planning.plan import make_plan
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.planning.tasks import Task
 from posegaussian.dags.planning.variants import FOLDER, others, share, variant
+from posegaussian.dags.runtime.executors import inline_run
 from posegaussian.dags.runtime.executors.serial import SerialBackend
 from posegaussian.dags.runtime.scheduler import Run
 from posegaussian.dags.tradeoff import tradeoff
@@ -234,3 +238,25 @@ def test_the_front_is_what_no_other_point_beats(points: list[tuple[int, int]]) -
         assert any(a <= x and b <= y for a, b in kept), "every point is matched by one of the front"
     for x, y in kept:
         assert not any((a <= x and b < y) or (a < x and b <= y) for a, b in kept), "no point of the front beats another"
+
+
+def test_a_stage_is_timed_once_it_ran_in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its first task loads libraries, weights and kernels, under a setting of its own others; what another changes is
+    the same."""
+    took = iter([9.0, 1.0, 2.0, 8.0, 3.0])
+    depth = Task("person", "depth", 0, None, None)
+    receipt = SimpleNamespace(facts={})
+
+    def run(*_: object) -> dict[Task, object]:
+        receipt.facts["seconds"] = next(took)
+        return {depth: receipt}
+
+    context = SimpleNamespace(unneeded=dict)
+    monkeypatch.setattr(tradeoff, "make_plan", lambda *_: SimpleNamespace(verdicts={depth: None}))
+    monkeypatch.setattr(tradeoff, "identities", lambda _: {"depth": "made"})
+    monkeypatch.setattr(inline_run, "run_here", run)
+    session = SimpleNamespace(configuration=load_configuration(None, []))
+    clock = tradeoff.Clock(session)  # type: ignore[arg-type]
+    for method, sources, times in (("hull", 1, [1.0]), ("hull", 2, [1.0, 2.0]), ("sgbm", 2, [1.0, 2.0, 3.0])):
+        clock.run(Level({"depth.method": method, "rendering.sources": sources}, context))  # type: ignore[arg-type]
+        assert clock.times["depth", "made"] == times

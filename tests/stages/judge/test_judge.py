@@ -143,3 +143,14 @@ def _all_but(frames: Frames, view: int) -> np.ndarray:
     valid = frames.valid.copy()
     valid[:, view] = False
     return valid
+
+
+def test_what_does_not_count_changes_no_score() -> None:
+    frames = person()
+    filmed, mask = frames.read("frames/color", 0)[0], frames.read("frames/mask", 0)[0].copy()
+    rows = np.nonzero(mask.any(axis=1))[0]
+    behind = np.zeros(mask.shape, bool)
+    behind[rows[len(rows) // 2] :][:6] = True
+    picture = np.rint(filmed * (mask[..., None] / 255.0)).astype(np.uint8)
+    mask[behind] = 0
+    assert score(picture, mask, filmed, mask, ~behind)[0] > 50 > score(picture, mask, filmed, mask)[0]

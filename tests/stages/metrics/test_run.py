@@ -120,10 +120,10 @@ def test_unserved_frames_and_empty_masks() -> None:
     mask = world()[3]["frames/mask"]
     mask[0, 1] = 90
     rows = table(arrays={"frames/mask": mask})
-    assert ("mid0", 0, "full", "psnr") in rows
-    assert not {("mid0", 0, "box", "psnr"), ("mid0", 0, "mask", "psnr")} & set(rows)
-    assert ("mid0", 1, "full", "delta_ssim") in rows
-    assert ("mid0", 1, "box", "delta_ssim") not in rows
+    assert not any(c == "mid0" and f == 0 for c, f, _, _ in rows), "nobody is in it: there is nothing to measure"
+    assert ("mid0", 1, "full", "psnr") in rows
+    assert not any(c == "mid0" and f == 1 and m == "delta_ssim" for c, f, _, m in rows)
+    assert ("mid1", 1, "full", "delta_ssim") in rows
     assert all(np.isfinite(v) for v in rows.values())
 
 
@@ -167,3 +167,17 @@ def test_a_mask_counts_its_own_pixels_alone() -> None:
     ssim = ssim_map(rendered.astype(np.float64), reference, 255.0)
     assert good["mask", "ssim"] == pytest.approx(ssim[inside].mean(), rel=1e-12)
     assert bad["mask", "ssim"] < good["mask", "ssim"], "windows that reach beyond the mask see what is there"
+
+
+def test_frames_that_nobody_is_in_are_told() -> None:
+    """Black equals black: a person who left the picture is no perfect picture."""
+    rig, views, path, arrays = world()
+    arrays["frames/mask"][1, 1] = 0
+    from tests.support.memory_inputs import MemoryInputs
+
+    inputs = MemoryInputs(stage("metrics"), MetricsParams(), arrays, rig, views, range(F), F).but(path=path)
+    (block,) = resolve(stage("metrics").run)(inputs, MetricsParams())
+    assert block.notes == (f"mid0: nobody is in 1 of {F} frames by its mask; they are not measured",)
+    rows = list(zip(*(block.data[k] for k in ("camera", "frame", "measure")), strict=True))
+    assert not [r for r in rows if r[:2] == ("mid0", 1)]
+    assert [f for c, f, m in rows if c == "mid0" and m == "delta_ssim"] == [3] * 3, "neither to it nor from it"
