@@ -12,13 +12,14 @@ import numpy as np
 
 from posegaussian.dags.config.yaml_source import parse_value
 from posegaussian.dags.importing.replace import make_room, same
-from posegaussian.stages.imaging.camera_mapping import frames_rig
+from posegaussian.stages.imaging.camera_mapping import frames_rig, one_to_one
 from posegaussian.stages.registry import STAGES
 from posegaussian.storage.archive.records import as_recorded, check_capture
 from posegaussian.storage.archive.store import SOURCES, Archive, SequenceGroup
 from posegaussian.storage.files.names import refuse_links
 from posegaussian.storage.files.write import whole_file
 from posegaussian.storage.importers import find
+from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.capture import PER_VIEW, Capture, SourceFile, Stream
 from posegaussian.storage.model.errors import ConfigError, NotWritten, SourceError
 from posegaussian.storage.model.joint_sets import JOINT_SETS
@@ -76,12 +77,26 @@ def register(
     check_capture(capture)
     length = partition_length(capture, settings)
     old, said = make_room(archive, name, same(capture), "this", replace)
+    said += _folding(capture.rig)
     if copy:
         capture = _copied_whole(capture, archive.place(name))
     if old is not None:
         said.append(_updated(old, capture, length))
         length = old.partition_frames
     return archive.create_sequence(name, capture, length), said
+
+
+def _folding(rig: Rig) -> list[str]:
+    """A sentence on the cameras whose lens model folds back within the picture."""
+    held = {name: one_to_one(rig, v) for v, name in enumerate(rig.names)}
+    if not (folding := [name for name, share in held.items() if share < 1]):
+        return []
+    told = (
+        f"camera{'s' if len(folding) > 1 else ''} {', '.join(folding)}: the lens model folds back at"
+        f" {min(held.values()):.0%} of the way to the corner; what lies beyond cannot be undone and stays black, so"
+        " calibrate again with fewer coefficients (k1 k2 alone) and a board that reaches the corners"
+    )
+    return [told]
 
 
 def _updated(old: SequenceGroup, capture: Capture, length: int) -> str:

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from posegaussian.storage.model.cameras import CameraPath, from_integer_centres, rigid
+from posegaussian.storage.model.cameras import CameraPath, camera_centre, from_integer_centres, rigid
 from posegaussian.storage.model.documents import read_json
 from posegaussian.storage.model.errors import UserError
-from posegaussian.storage.model.plausible import check_camera
+from posegaussian.storage.model.plausible import check_camera, check_place
 
 REQUIRED = ("name", "width", "height", "K", "R", "t")
 FORM = '{"pixel_center": "integer" or "half", "cameras": [{"name", "width", "height", "K", "R", "t", "frame"?}]}'
@@ -131,13 +131,15 @@ def _camera(file: str, index: int, entry: Any, integer: bool) -> dict[str, Any]:
             " world axes into OpenCV camera axes"
         )
     k = from_integer_centres(intrinsics) if integer else intrinsics
-    check_camera(f"{name!r} of {file}", k, np.zeros(8), t, np.array([width, height]))
+    pose = rigid(r, t)
+    check_camera(f"{name!r} of {file}", k, np.zeros(8), np.array([width, height]))
+    check_place(f"{name!r} of {file}", t, camera_centre(pose), apart=0.0)
     return {
         "name": name,
         "frame": frame,
         "size": np.array([width, height]),
         "intrinsics": k,
-        "world_to_camera": rigid(r, t),
+        "world_to_camera": pose,
     }
 
 

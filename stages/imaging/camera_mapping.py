@@ -104,6 +104,16 @@ def reach(distortion: np.ndarray, limit: float = 10.0) -> float:
     return float(r[np.argmax(falling)]) if falling.any() else limit
 
 
+def one_to_one(rig: Rig, view: int, farthest: float = np.inf) -> float:
+    """How far the lens model of a calibrated camera can be undone: the farthest point that it shows before it folds
+    back, over the farthest of the picture's border; at most `farthest`."""
+    w, h = rig.size[view]
+    k, d = rig.intrinsics[view], rig.distortion[view]
+    corners = (np.array([[0, 0], [w, 0], [0, h], [w, h]]) - k[:2, 2]) / k[[0, 1], [0, 1]]
+    shown = np.linalg.norm(distort(np.array([reach(d), 0.0]), d))
+    return float(min(farthest, shown / np.linalg.norm(corners, axis=1).max()))
+
+
 def captured_positions(
     pixels: np.ndarray, intrinsics: np.ndarray, source_intrinsics: np.ndarray, distortion: np.ndarray, crop: np.ndarray
 ) -> np.ndarray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from posegaussian.stages.geometry.subject import look_at_point
-from posegaussian.stages.imaging.camera_mapping import distort, reach
+from posegaussian.stages.imaging.camera_mapping import distort, one_to_one
 from posegaussian.stages.inspection.finding import Finding, measured, unmeasured
 from posegaussian.stages.inspection.footage import shared_numbers
 from posegaussian.storage.model.cameras import Rig
@@ -92,13 +92,8 @@ def _displacement(rig: Rig, view: int) -> Finding:
 
 
 def _one_to_one(rig: Rig, view: int) -> Finding:
-    """Whether the lens model can be undone within the picture: the farthest point it shows before it folds back,
-    over the farthest of the border."""
-    d, name = rig.distortion[view], rig.names[view]
-    farthest = float(np.linalg.norm(_border(rig, view), axis=1).max())
-    limit = reach(d)
-    shown = float(np.linalg.norm(distort(np.array([[limit, 0.0]]), d)))
-    held = min(FARTHEST, shown / farthest)
+    """Whether the lens model can be undone within the picture."""
+    held = one_to_one(rig, view, FARTHEST)
     sentence = (
         "the lens model is one-to-one in the whole picture"
         if held >= 1
@@ -106,7 +101,7 @@ def _one_to_one(rig: Rig, view: int) -> Finding:
     )
     return measured(
         "lens model",
-        [name],
+        [rig.names[view]],
         held,
         "times the way to the corner",
         1.0,

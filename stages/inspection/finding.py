@@ -30,6 +30,34 @@ ORDER = (
     FindingVerdict.GOOD,
 )
 """Worst first; what could not be measured before what is good."""
+IMPACT = (
+    "picture size",
+    "frames",
+    "aim",
+    "agreement",
+    "time offset",
+    "mask at the rim",
+    "joints on masks",
+    "mask agreement",
+    "calibration by joints",
+    "joint residual",
+    "epipolar distance",
+    "matte",
+    "people",
+    "partners",
+    "neighbours",
+    "cameras",
+    "exposure",
+    "clipped white",
+    "blur against others",
+    "focus",
+    "lens model",
+    "lens distortion",
+    "principal point",
+    "focal lengths",
+)
+"""Measures in the order in which to mend them:
+what makes all others wrong first, then what spoils most of the picture."""
 TO_MEND = ORDER[:3]
 """Verdicts that come with advice."""
 COUNTED = (FindingVerdict.BAD, FindingVerdict.DOUBTFUL, FindingVerdict.GOOD)
@@ -138,8 +166,13 @@ def left_out(finding: Finding) -> Finding:
 
 
 def worst_first(findings: Sequence[Finding]) -> list[Finding]:
-    """By verdict, then by how far a value is beyond its bounds."""
-    return sorted(findings, key=lambda f: (ORDER.index(f.verdict), -f.excess))
+    """By verdict, then the cause before what follows from it, then by how far a value is beyond its bounds."""
+    return sorted(findings, key=lambda f: (ORDER.index(f.verdict), _impact(f.measure), -f.excess))
+
+
+def _impact(measure: str) -> int:
+    """The measure's place in the order in which to mend them."""
+    return IMPACT.index(measure) if measure in IMPACT else len(IMPACT)
 
 
 def by_measure(findings: Sequence[Finding]) -> list[Finding]:

@@ -48,6 +48,7 @@ COSTS = {
     "joint residual": "joints and cameras do not fit each other",
     "people": "a second person hides the subject or leaves pieces",
     "exposure": "cameras that differ leave seams",
+    "clipped white": "what is clipped has lost its colour",
     "focus": "blurred pictures stay blurred",
     "blur against others": "blurred pictures stay blurred",
     "frames": "frames that a camera lacks are made without it",

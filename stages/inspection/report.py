@@ -11,7 +11,6 @@ from posegaussian.stages.geometry.sync import TimeOffsets
 from posegaussian.stages.imaging.small_turns import turned
 from posegaussian.stages.inspection.cameras import of_aim, of_frames, of_lens
 from posegaussian.stages.inspection.finding import (
-    ORDER,
     TO_MEND,
     Finding,
     FindingVerdict,
@@ -20,13 +19,21 @@ from posegaussian.stages.inspection.finding import (
     worst_first,
 )
 from posegaussian.stages.inspection.footage import Footage
-from posegaussian.stages.inspection.light import of_light
+from posegaussian.stages.inspection.light import of_clipping, of_light
 from posegaussian.stages.inspection.matching import Matched, matched_pairs, of_matches
 from posegaussian.stages.inspection.outlook import expected, of_cameras, of_matte, pair_lines
 from posegaussian.stages.inspection.pairs import Rectified, every_pair, of_pairs
 from posegaussian.stages.inspection.people import of_people
 from posegaussian.stages.inspection.planned import Planned
-from posegaussian.stages.inspection.subject import of_focus, of_joints, of_masks, of_poses, of_subjects_mask, of_time
+from posegaussian.stages.inspection.subject import (
+    of_focus,
+    of_joints,
+    of_masks,
+    of_poses,
+    of_subjects_mask,
+    of_time,
+    wrong_masks,
+)
 from posegaussian.stages.inspection.trust import camera_verdicts, of_trust
 
 WORDS = {
@@ -35,33 +42,6 @@ WORDS = {
     FindingVerdict.BAD: "This capture is bad: as it is, a reconstruction will fail or be visibly wrong.",
     FindingVerdict.UNKNOWN: "Nothing of this capture could be measured.",
 }
-IMPACT = (
-    "picture size",
-    "frames",
-    "aim",
-    "agreement",
-    "time offset",
-    "mask at the rim",
-    "joints on masks",
-    "mask agreement",
-    "calibration by joints",
-    "joint residual",
-    "epipolar distance",
-    "matte",
-    "people",
-    "partners",
-    "neighbours",
-    "cameras",
-    "exposure",
-    "blur against others",
-    "focus",
-    "lens model",
-    "lens distortion",
-    "principal point",
-    "focal lengths",
-)
-"""Measures in the order in which to mend them:
-what makes all others wrong first, then what spoils most of the picture."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,10 +95,7 @@ class Report:
         """(verdict, what was found, what to do), the most useful first;
         findings with the same advice stand together, those on cameras that are left out apart."""
         out: dict[tuple[str, str, bool], tuple[FindingVerdict, list[Finding]]] = {}
-        for f in sorted(
-            worst_first(self.findings),
-            key=lambda f: (ORDER.index(f.verdict), IMPACT.index(f.measure) if f.measure in IMPACT else len(IMPACT)),
-        ):
+        for f in worst_first(self.findings):
             if f.advice and f.verdict in TO_MEND:
                 key = f.measure, f.advice, f.verdict is FindingVerdict.LEFT_OUT
                 out.setdefault(key, (f.verdict, []))[1].append(f)
@@ -170,11 +147,12 @@ def inspect(footage: Footage, sizes: list[Finding], planned: Planned) -> Report:
         *of_matches(footage, pairs, found),
         *of_joints(footage),
         *of_poses(footage),
-        *of_subjects_mask(footage),
-        *of_masks(footage, planned),
+        *(own := of_subjects_mask(footage)),
+        *of_masks(footage, planned, wrong_masks(own)),
         *of_trust(verdicts),
         *time,
         *of_light(footage),
+        *of_clipping(footage),
         *of_focus(footage),
         *of_people(footage, planned),
         of_matte(planned),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import combinations
 
 import cv2
@@ -13,7 +14,7 @@ from posegaussian.stages.geometry.subject import body_points, look_at_point, up_
 from posegaussian.stages.geometry.sync import TimeOffsets, time_offsets
 from posegaussian.stages.inspection.bundle import FEWEST as FEWEST_POSED
 from posegaussian.stages.inspection.bundle import pair_error, refit
-from posegaussian.stages.inspection.finding import Finding, measured, unmeasured
+from posegaussian.stages.inspection.finding import Finding, FindingVerdict, measured, unmeasured
 from posegaussian.stages.inspection.footage import LOOSE, Footage
 from posegaussian.stages.inspection.joint_fit import FEWEST, WITHIN, JointFit, joint_fit
 from posegaussian.stages.inspection.planned import Planned
@@ -43,6 +44,10 @@ RIM = (0.5, ROUND)
 """Share of the picture's rim that is white: half of it where a head and shoulders fill the picture."""
 ON_MASK = (0.8, 0.5)
 """Share of the joints that lie on the mask; what stands before the subject may hide some."""
+MEND_MASKS = (
+    "look at the outlines in the pictures: masks that lack a limb, timing, or a camera that stands elsewhere than its"
+    " calibration says; leave out the one that agrees least (views.sources) and inspect again"
+)
 NO_JOINTS = "the capture has no 2D joints"
 ADD_JOINTS = "import it with joints"
 
@@ -230,8 +235,9 @@ def _spread(found: TimeOffsets, views: list[int], count: int) -> TimeOffsets:
     return TimeOffsets(of_all(found.frames), of_all(found.error), told, reference, of_all(found.motion))
 
 
-def of_masks(footage: Footage, planned: Planned) -> list[Finding]:
-    """How well each given mask's outline fits those that a run carves with."""
+def of_masks(footage: Footage, planned: Planned, wrong: tuple[str, ...] = ()) -> list[Finding]:
+    """How well each given mask's outline fits those that a run carves with; `wrong` are cameras whose masks are bad by
+    themselves, which others are not to blame for."""
     if MASKS not in footage.facts:
         return [
             unmeasured(
@@ -262,6 +268,9 @@ def of_masks(footage: Footage, planned: Planned) -> list[Finding]:
             )
             continue
         share = float(np.mean(shares))
+        advice = MEND_MASKS
+        if others := [n for n in wrong if n != name]:
+            advice = f"mend the masks of {', '.join(others)}, which it is compared with, and inspect again"
         out.append(
             measured(
                 "mask agreement",
@@ -270,9 +279,7 @@ def of_masks(footage: Footage, planned: Planned) -> list[Finding]:
                 "of the rim",
                 *AGREEMENT,
                 f"{share:.1%} of the outline is not contradicted by another camera's mask",
-                "look at the outlines in the pictures: masks that lack a limb, timing, or a camera that stands"
-                " elsewhere than its calibration says;"
-                " leave out the one that agrees least (views.sources) and inspect again",
+                advice,
             )
         )
     return out
@@ -285,6 +292,11 @@ def of_subjects_mask(footage: Footage) -> list[Finding]:
     masks = [footage.masks(n) for n in footage.looked_at]
     joints = _joints_on_masks(footage, masks) if JOINTS2D in footage.facts else []
     return [*_rims(footage, masks), *joints]
+
+
+def wrong_masks(findings: Sequence[Finding]) -> tuple[str, ...]:
+    """Names of the cameras whose masks are bad by what `of_subjects_mask` found."""
+    return tuple(dict.fromkeys(n for f in findings if f.verdict is FindingVerdict.BAD for n in f.cameras))
 
 
 def _rims(footage: Footage, masks: list[dict[int, np.ndarray]]) -> list[Finding]:

@@ -1,5 +1,5 @@
 """What every import says, whatever the layout: unit, direction, distances between cameras, captured against calibrated
-size, and frames that some cameras lack."""
+size, frames that some cameras lack, and pictures that use few of their bits."""
 
 from __future__ import annotations
 
@@ -11,7 +11,12 @@ from posegaussian.storage.importers.cameras import of_another_size, rig_notes
 from posegaussian.storage.importers.common import picture_gaps
 from posegaussian.storage.importers.evidence import check_direction
 from posegaussian.storage.model.capture import Capture
+from posegaussian.storage.readers import images
 
+_LOOKED_AT = 8
+"""Pictures whose largest value is looked at, each of another camera."""
+_BITS = (8, 10, 12)
+"""Bits of cameras that write files of 16."""
 DIRECTION = "world to camera"
 """Of the poses in layouts that define it."""
 
@@ -19,16 +24,25 @@ DIRECTION = "world to camera"
 def accounted(capture: Capture, by_definition: bool) -> Capture:
     """The capture with these sentences after its own.
 
-    With `by_definition` the layout defines metres and world to camera, and its importer says nothing of it. Raises
-    CalibrationError where the cameras' poses are those of the other direction.
+    With `by_definition` the layout defines metres and world to camera, and its importer says nothing of it, or the unit
+    alone where the user says one. Raises CalibrationError where the cameras' poses are those of the other direction.
     """
     rig = capture.rig
     placed: list[str] = []
     if by_definition:
-        placed = ["unit: metres, as the layout has it"]
+        told = any(n.startswith("unit: ") for n in capture.notes)
+        placed = [] if told else ["unit: metres, as the layout has it"]
         placed += check_direction(rig.names, np.asarray(rig.rotations), np.asarray(rig.centres), DIRECTION)
     gaps = picture_gaps(rig.names, capture.pictures)
-    notes = (*capture.notes, *placed, *rig_notes(rig), *_sizes(capture), *gaps, *_one_frame_apart(capture))
+    notes = (
+        *capture.notes,
+        *placed,
+        *rig_notes(rig),
+        *_sizes(capture),
+        *gaps,
+        *_one_frame_apart(capture),
+        *_few_bits(capture),
+    )
     return replace(capture, notes=notes)
 
 
@@ -56,3 +70,17 @@ def _one_frame_apart(capture: Capture) -> list[str]:
     told = f"videos have {min(lengths)} and {max(lengths)} frames and are taken to begin together"
     late = "where it is the first frame that is lacking, `inspect` shows who is late, and frames.time_offset moves them"
     return [f"{told}; {late}"]
+
+
+def _few_bits(capture: Capture) -> list[str]:
+    """A sentence where 16-bit pictures use the lowest bits alone, as cameras of 10 or 12 bits write them: to whoever
+    takes 65535 for white they are nearly black."""
+    files = [s.files[len(s.files) // 2].path for s in capture.pictures if s.kind == "images"]
+    some = files[:: max(1, len(files) // _LOOKED_AT)][:_LOOKED_AT]
+    most = max((n for p in some if (n := images.largest_of_16_bits(p)) is not None), default=0)
+    bits = next((b for b in _BITS if 0 < most < 2**b), None)
+    if bits is None:
+        return []
+    factor = 2 ** (16 - bits)
+    told = f"16-bit pictures hold at most {most} where looked at: {bits} bits in 16, which is {factor} times too dark"
+    return [f"{told}; multiply them by {factor} and import again"]

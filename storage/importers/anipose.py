@@ -12,10 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from posegaussian.storage.importers.calibration_format import Calibration, CalibrationFormat, begins, fixed
-from posegaussian.storage.importers.cameras import RawCamera, distances, raw_centre
-from posegaussian.storage.importers.evidence import APART
+from posegaussian.storage.importers.cameras import RawCamera, raw_centre
 from posegaussian.storage.importers.toml_cameras import table_camera, toml_tables
+from posegaussian.storage.model.cameras import distances
 from posegaussian.storage.model.errors import CalibrationError
+from posegaussian.storage.model.plausible import APART
 
 MILLIMETRE = 1e-3
 

@@ -3,19 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from posegaussian.storage.files.names import check_camera_names
-from posegaussian.storage.model.cameras import Rig, camera_centre, from_integer_centres, rigid, rotation_matrix
+from posegaussian.storage.model.cameras import (
+    Rig,
+    camera_centre,
+    distances,
+    from_integer_centres,
+    rigid,
+    rotation_matrix,
+)
 from posegaussian.storage.model.errors import CalibrationError
-from posegaussian.storage.model.plausible import check_rotation_vector, check_size
+from posegaussian.storage.model.plausible import check_rotation_vector, check_size, unit_of
 
 DISTORTION = 8
 """Coefficients a rig holds: k1 k2 p1 p2 k3 k4 k5 k6."""
 _FAR = 100.0
 """Metres between cameras above which the translations are probably not in metres."""
+MOST_SKEW = 0.5
+"""Px by which a matrix's skew may move the edge of a picture and be left out."""
+_ROUNDED = 1e-6
+"""Skew over fx that is what rounding leaves."""
 _OTHER_SIZE = 1.6
 """Principal point over the middle of the picture, in both axes, from which the intrinsics are for another size."""
 
@@ -69,12 +81,12 @@ def build_rig(cameras: Sequence[RawCamera], sizes: Sequence[tuple[int, int]], ha
     """The checked rig of cameras in the integer-centre convention, or in ours with `half`.
 
     `sizes` are the captured sizes, used where a file gives none. Raises CalibrationError, naming the camera, for values
-    that are not finite, rotations that are not rigid, skew, and distortion beyond eight coefficients.
+    that are not finite, rotations that are not rigid, skew that shows, and distortion beyond eight coefficients.
     """
     check_camera_names(c.name for c in cameras)
     for c, captured in zip(cameras, sizes, strict=True):
-        _check_model(c)
         check_size(c.name, *(c.size or captured))
+        _check_model(c, c.size or captured)
         if c.rotation.size == 3 and np.isfinite(c.rotation).all():
             check_rotation_vector(c.name, c.rotation)
     intrinsics = np.stack([c.intrinsics for c in cameras])
@@ -92,14 +104,34 @@ def build_rig(cameras: Sequence[RawCamera], sizes: Sequence[tuple[int, int]], ha
     return Rig(names, as_read.intrinsics, distortion, exact, size)
 
 
-def _check_model(c: RawCamera) -> None:
+def moved_by_skew(intrinsics: np.ndarray, size: Sequence[int] | np.ndarray) -> float:
+    """Px by which the skew of intrinsics [3, 3] moves the edge of pictures of (width, height) px."""
+    return float(abs(intrinsics[0, 1] / intrinsics[1, 1]) * max(size) / 2)
+
+
+def without_skew(rig: Rig) -> tuple[Rig, list[str]]:
+    """(the rig without the little skew that `build_rig` lets pass, a sentence on it where it is more than rounding)."""
+    skew = np.abs(rig.intrinsics[:, 0, 1])
+    of = np.flatnonzero(skew > _ROUNDED * rig.intrinsics[:, 0, 0])
+    moved = max((moved_by_skew(rig.intrinsics[v], rig.size[v]) for v in of), default=0.0)
+    names = ", ".join(rig.names[v] for v in of)
+    intrinsics = rig.intrinsics.copy()
+    intrinsics[:, 0, 1] = 0
+    said = [f"skew of {names} is left out: it moves a picture's edge by up to {moved:.2g} px"] if len(of) else []
+    return replace(rig, intrinsics=intrinsics), said
+
+
+def _check_model(c: RawCamera, size: Sequence[int]) -> None:
     k = c.intrinsics
     if np.isfinite(k).all() and (not np.array_equal(k[2], [0, 0, 1]) or k[1, 0] != 0):
         raise CalibrationError(
             f"camera {c.name}: intrinsics must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], got {k.tolist()}"
         )
-    if abs(k[0, 1]) > 1e-6 * abs(k[0, 0]):
-        raise CalibrationError(f"camera {c.name}: skew {k[0, 1]:g} px must be 0; calibrate without skew")
+    if k[1, 1] and (moved := moved_by_skew(k, size)) > MOST_SKEW:
+        raise CalibrationError(
+            f"camera {c.name}: skew {k[0, 1]:g} px must be 0, or move the picture's edge by at most {MOST_SKEW:g} px,"
+            f" where it moves it by {moved:.1f} px; calibrate without skew"
+        )
     if np.any(c.distortion[DISTORTION:]):
         raise CalibrationError(
             f"camera {c.name}: {c.distortion.size} distortion coefficients, only the first {DISTORTION} (k1 k2 p1 p2 k3"
@@ -125,14 +157,6 @@ def of_another_size(intrinsics: np.ndarray, size: Sequence[int] | np.ndarray) ->
     return bool((halves > _OTHER_SIZE).all() or (halves < 1 / _OTHER_SIZE).all())
 
 
-def distances(places: np.ndarray) -> np.ndarray:
-    """Distances between all pairs of places [n, 3], ascending; of many places those of every k-th."""
-    some = places[:: max(1, len(places) // 500)]
-    a, b = np.triu_indices(len(some), 1)
-    with np.errstate(over="ignore", invalid="ignore"):
-        return np.sort(np.linalg.norm(some[a] - some[b], axis=1))
-
-
 def rig_notes(rig: Rig) -> list[str]:
     """Sentences about a rig: how far its cameras are apart; that there is one only, or that they are improbably far."""
     notes = []
@@ -143,5 +167,6 @@ def rig_notes(rig: Rig) -> list[str]:
         notes.append("one camera only: depth needs a second view, so only stages that work on one view give results")
     far = np.ptp(rig.centres, axis=0).max()
     if far > _FAR:
-        notes.append(f"cameras lie {far:.0f} m apart; are the translations in millimetres? They are read as metres")
+        unit = unit_of(float(apart[-1])) or "metres?"
+        notes.append(f"cameras lie {apart[-1]:.0f} m apart where translations are read as metres; are they in {unit}")
     return notes

@@ -185,6 +185,36 @@ def image_stream(camera: str, files: Mapping[int, Path]) -> Stream:
     return file_stream("images", files, size)
 
 
+def whole_scale(size: Sequence[int], other: Sequence[int]) -> float | None:
+    """Px of the size `other` (width, height) in one of `size`, of one picture that was scaled; None where the shapes
+    differ by more than a pixel of either."""
+    (w, h), (cw, ch) = other, size
+    scale = w / cw if cw >= ch else h / ch
+    if max(abs(scale * cw - w), abs(scale * ch - h)) > max(1.0, scale):
+        return None
+    return float(scale)
+
+
+def size_of(what: str, camera: str, files: Mapping[int, Path], picture: tuple[int, int]) -> tuple[int, int]:
+    """(width, height) px of all files of a camera, each `what`, that show the whole of its pictures of (width, height)
+    px and may be smaller or larger. Raises SourceError for another shape, and for files of several sizes."""
+    first = next(iter(files.values()))
+    size = images.picture_size(first)
+    if whole_scale(size, picture) is None:
+        raise SourceError(
+            f"camera {camera}, frame {next(iter(files))}: {what} {first} is {size[0]}x{size[1]} px, its picture is"
+            f" {picture[0]}x{picture[1]} px, which is another shape; a {what} may be smaller or larger, but must show"
+            f" the whole picture: crop or pad the {what}s to the pictures' shape"
+        )
+    for n, p in files.items():
+        if (other := images.picture_size(p)) != size:
+            raise SourceError(
+                f"camera {camera}, frame {n}: {what} {p} is {other[0]}x{other[1]} px, the first one is"
+                f" {size[0]}x{size[1]} px; one camera has one size"
+            )
+    return size
+
+
 def with_splits(capture: Capture, order: Sequence[str], subject: str) -> Capture:
     """The capture with the protocols of its data set and a sentence on each; `order` and `subject` as in
     `splits_of`."""

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from posegaussian.storage.importers.common import file_stream, gap_notes, numbered
+from posegaussian.storage.importers.common import file_stream, gap_notes, numbered, size_of
 from posegaussian.storage.model.capture import Stream
 from posegaussian.storage.model.errors import SourceError
 from posegaussian.storage.readers import images
@@ -21,15 +21,15 @@ LOOKED_AT = 3
 
 
 def depth_map_streams(
-    names: Sequence[str], folders: Sequence[Path], pictures: Sequence[Stream], scale: float | None
+    names: Sequence[str], folders: Sequence[Path], pictures: Sequence[Stream], scale: float | None, unit: float = 1.0
 ) -> tuple[tuple[Stream | None, ...], list[str]]:
     """(depth maps of every view or None, notes), one folder a camera; none at all where no folder has any.
 
-    `scale` is metres per unit of the files; None: floats are metres, and integers are refused. Maps may be smaller or
-    larger than their pictures, but show the same field. Raises SourceError for maps of another shape, of a unit that is
-    not known, or whose median is no distance of a person.
+    `scale` is metres per unit of the files; None: floats are in units of `unit` metres, and integers are refused. Maps
+    may be smaller or larger than their pictures, but show the same field. Raises SourceError for maps of another shape,
+    of a unit that is not known, or whose median is no distance of a person.
     """
-    return depth_file_streams(names, [numbered(f, SUFFIXES) for f in folders], pictures, scale)
+    return depth_file_streams(names, [numbered(f, SUFFIXES) for f in folders], pictures, scale, unit=unit)
 
 
 def depth_file_streams(
@@ -38,6 +38,7 @@ def depth_file_streams(
     pictures: Sequence[Stream],
     scale: float | None,
     inverse: bool = False,
+    unit: float = 1.0,
 ) -> tuple[tuple[Stream | None, ...], list[str]]:
     """`depth_map_streams` of files {source frame number: map} a camera; with `inverse`, scale is 1/metres a unit."""
     streams: list[Stream | None] = []
@@ -47,15 +48,18 @@ def depth_file_streams(
         if not files:
             streams.append(None)
             continue
-        size = _size(name, files, stream.size)
+        size = size_of("depth map", name, files, stream.size)
         if size != tuple(stream.size):
             notes.append(
                 f"camera {name}: depth maps are {size[0]}x{size[1]} px, pictures {stream.size[0]}x{stream.size[1]} px;"
                 " both are taken to show the same field"
             )
-        _check_unit(name, files, scale, inverse)
+        if scale is None:
+            _refuse_integers(name, files)
+        in_metres = unit if scale is None else scale
+        _check_unit(name, files, in_metres, inverse)
         inverted = {"inverse": True} if inverse else {}
-        streams.append(file_stream("images", files, size, scale=1.0 if scale is None else scale, **inverted))
+        streams.append(file_stream("images", files, size, scale=in_metres, **inverted))
     if not any(streams):
         return (), []
     notes += [
@@ -66,34 +70,25 @@ def depth_file_streams(
     return tuple(streams), notes + gap_notes(names, streams, [np.asarray(s.numbers) for s in pictures], "depth maps")
 
 
-def _size(name: str, files: Mapping[int, Path], picture: tuple[int, int]) -> tuple[int, int]:
-    """(width, height) px of all maps of a camera."""
-    size = images.picture_size(next(iter(files.values())))
-    for n, p in files.items():
-        if (other := images.picture_size(p)) != size:
-            raise SourceError(
-                f"camera {name}, frame {n}: depth map {p} is {other[0]}x{other[1]} px, the first one is"
-                f" {size[0]}x{size[1]} px; one camera has one size"
-            )
-    if abs(size[0] * picture[1] / picture[0] - size[1]) > 1:
-        raise SourceError(
-            f"camera {name}: depth maps are {size[0]}x{size[1]} px, which is another shape than the pictures'"
-            f" {picture[0]}x{picture[1]} px; a map may be smaller or larger, but must show the whole picture: crop or"
-            " pad the maps to the pictures' shape"
-        )
-    return size
-
-
-def _check_unit(name: str, files: Mapping[int, Path], scale: float | None, inverse: bool) -> None:
-    """Raise SourceError for maps that cannot be metres."""
+def _looked_at(files: Mapping[int, Path]) -> list[Path]:
     paths = list(files.values())
-    for p in paths[:: max(1, len(paths) // LOOKED_AT)][:LOOKED_AT]:
-        if scale is None and images.holds_integers(p):
+    return paths[:: max(1, len(paths) // LOOKED_AT)][:LOOKED_AT]
+
+
+def _refuse_integers(name: str, files: Mapping[int, Path]) -> None:
+    """Raise SourceError for maps of integers, of which nobody says the unit."""
+    for p in _looked_at(files):
+        if images.holds_integers(p):
             raise SourceError(
                 f"camera {name}: depth map {p} holds integers, whose unit is not known; say how many metres one is, for"
                 " millimetres --option depth_scale=0.001"
             )
-        depth = images.read_depth_map(p, 1.0 if scale is None else scale, inverse)
+
+
+def _check_unit(name: str, files: Mapping[int, Path], scale: float, inverse: bool) -> None:
+    """Raise SourceError for maps that cannot be metres."""
+    for p in _looked_at(files):
+        depth = images.read_depth_map(p, scale, inverse)
         known = depth[depth > 0]
         if known.size and not PLAUSIBLE[0] <= (middle := float(np.median(known))) <= PLAUSIBLE[1]:
             raise SourceError(

@@ -10,12 +10,11 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from pydantic import BeforeValidator, Field
 
-from posegaussian.storage.importers.cameras import distances
 from posegaussian.storage.importers.common import ImportOptions
+from posegaussian.storage.model.cameras import distances
 from posegaussian.storage.model.errors import CalibrationError, SourceError
+from posegaussian.storage.model.plausible import APART
 
-APART = (0.2, 20.0)
-"""Metres between which the largest distance of two cameras of a rig lies, unless the user says a unit."""
 AWAY, TOWARDS = 60.0, 25.0
 """Degrees between a camera's axis and the common point beyond and below which a rig looks away or at it."""
 PARALLEL = 20.0

@@ -12,14 +12,15 @@ from pathlib import Path
 
 import numpy as np
 
-from posegaussian.storage.importers.cameras import RawCamera, build_rig, check_principal_point, distances
+from posegaussian.storage.importers.cameras import RawCamera, build_rig, check_principal_point
 from posegaussian.storage.importers.common import ImportOptions
-from posegaussian.storage.importers.evidence import APART, check_direction
+from posegaussian.storage.importers.evidence import check_direction
 from posegaussian.storage.importers.masks import mask_file_streams
 from posegaussian.storage.importers.posed_pictures import Files, picture_streams
-from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.model.cameras import Rig, distances
 from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.errors import CalibrationError
+from posegaussian.storage.model.plausible import APART
 
 
 @dataclass(frozen=True, eq=False)

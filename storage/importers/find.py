@@ -10,6 +10,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from posegaussian.storage.importers.account import accounted
+from posegaussian.storage.importers.cameras import without_skew
 from posegaussian.storage.importers.films import are_counted, with_dropped
 from posegaussian.storage.importers.letterbox import fitted
 from posegaussian.storage.importers.masks import unread_masks
@@ -54,7 +55,8 @@ def find_capture(layout: str, source: str | Path, options: Mapping[str, Any]) ->
         capture = replace(capture, notes=(*capture.notes, *unread_masks(base, importer.name, importer.masked)))
     if layout == AUTO:
         capture = replace(capture, notes=(f"layout: {importer.name}", *capture.notes))
-    known = fitted(capture, checked.crops)
+    rig, said = without_skew(capture.rig)
+    known = fitted(replace(capture, rig=rig, notes=(*capture.notes, *said)), checked.crops)
     if are_counted(known):
         known = in_step(known if importer.timed else with_dropped(known), checked.timecode == "ignore")
     return _with_roles(accounted(known, importer.by_definition), checked.held_out)

@@ -8,7 +8,8 @@
     {"pixel_center": "integer" | "half", "frame_rate": 30,
      "cameras": [{"name", "width", "height", "K", "R", "t", "distortion"?, "held_out"?}]}
 
-world to camera, OpenCV axes, metres; `"held_out": true` marks a camera that only metrics may look at.
+world to camera, OpenCV axes, metres unless the option `scale` or `distance` says the unit; `"held_out": true` marks a
+camera that only metrics may look at.
 """
 
 from __future__ import annotations
@@ -22,9 +23,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from posegaussian.storage.formats.joint_files import read_openpose
-from posegaussian.storage.importers.cameras import RawCamera, build_rig, numbers
+from posegaussian.storage.importers.cameras import RawCamera, build_rig, numbers, raw_centre
 from posegaussian.storage.importers.common import (
-    ImportOptions,
     file_stream,
     folder,
     gap_notes,
@@ -35,6 +35,7 @@ from posegaussian.storage.importers.common import (
 )
 from posegaussian.storage.importers.declaration import Importer, Trait, or_broken
 from posegaussian.storage.importers.depth_streams import depth_map_streams
+from posegaussian.storage.importers.evidence import UnitOptions, metres
 from posegaussian.storage.importers.joint_streams import coco_joints, picture_joints
 from posegaussian.storage.importers.masks import mask_streams
 from posegaussian.storage.model.capture import Capture, Stream
@@ -43,14 +44,16 @@ from posegaussian.storage.model.errors import CalibrationError, SourceError
 from posegaussian.storage.readers import images
 
 
-class ImagesOptions(ImportOptions):
-    """The layout leaves little else to choose."""
+class ImagesOptions(UnitOptions):
+    """The layout leaves little else to choose; without a unit of the user's, lengths are metres."""
 
     depth_scale: float | None = Field(
         None,
         gt=0,
         le=1000,
-        description="Metres per unit of the depth maps; by default 1 for float files, while integers are refused.",
+        description=(
+            "Metres per unit of the depth maps; by default the poses' unit for float files, while integers are refused."
+        ),
     )
 
 
@@ -100,12 +103,21 @@ def find(source: Path, options: ImagesOptions) -> Capture:
     rate = options.frame_rate or cameras.frame_rate or 30.0
     if not (options.frame_rate or cameras.frame_rate):
         notes.append("30 frames/s assumed; give frame_rate in cameras.json")
-    rig = build_rig([_camera(entries[n]) for n in names], [s.size for s in pictures], cameras.pixel_center == "half")
+    raw = [_camera(entries[n]) for n in names]
+    scale = 1.0
+    if options.scale is not None or options.distance is not None:
+        scale, unit = metres(options, names, np.array([raw_centre(c) for c in raw]), "cameras.json")
+        notes.append(unit)
+    rig = build_rig(
+        [c._replace(translation=c.translation * scale) for c in raw],
+        [s.size for s in pictures],
+        cameras.pixel_center == "half",
+    )
     masks, more = mask_streams(names, [base / "masks" / n for n in names], pictures)
     joints, joint_notes = _joints(base, names, pictures, options.joint_set)
-    depth, depth_notes = _depth(base, names, pictures)
+    depth, depth_notes = _depth(base, names, pictures, scale)
     depth_maps, map_notes = depth_map_streams(
-        names, [base / "depth_maps" / n for n in names], pictures, options.depth_scale
+        names, [base / "depth_maps" / n for n in names], pictures, options.depth_scale, scale
     )
     if options.depth_scale is not None and not depth_maps:
         raise SourceError(
@@ -182,8 +194,11 @@ def _joints(
     return coco_joints(names, own, False, pictures, given)
 
 
-def _depth(base: Path, names: Sequence[str], pictures: Sequence[Stream]) -> tuple[tuple[Stream | None, ...], list[str]]:
+def _depth(
+    base: Path, names: Sequence[str], pictures: Sequence[Stream], scale: float
+) -> tuple[tuple[Stream | None, ...], list[str]]:
     streams: list[Stream | None] = []
+    scaled = {} if scale == 1 else {"scale": scale}
     for name, stream in zip(names, pictures, strict=True):
         files = {n: p for n, p in numbered(base / "depth" / name, (".exr",)).items() if n in set(stream.numbers)}
         for n, p in files.items():
@@ -192,7 +207,7 @@ def _depth(base: Path, names: Sequence[str], pictures: Sequence[Stream]) -> tupl
                     f"camera {name}, frame {n}: depth {p} is {size[0]}x{size[1]} px, its picture is"
                     f" {stream.size[0]}x{stream.size[1]} px"
                 )
-        streams.append(file_stream("images", files, stream.size) if files else None)
+        streams.append(file_stream("images", files, stream.size, **scaled) if files else None)
     if not any(streams):
         return (), []
     without = [f"camera {n} has no true depth" for n, s in zip(names, streams, strict=True) if s is None]

@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from posegaussian.storage.formats.joint_files import Detections, read_coco, read_trc
-from posegaussian.storage.importers.common import file_stream, gap_notes
+from posegaussian.storage.importers.common import file_stream, gap_notes, ranges
+from posegaussian.storage.importers.numbering import as_numbered
 from posegaussian.storage.model.capture import SourceFile, Stream
 from posegaussian.storage.model.errors import SourceError
 from posegaussian.storage.model.joint_sets import JOINT_SETS, joint_set
 from posegaussian.storage.model.plausible import check_person
 
+JOINTS = "2D joints"
 _HINTS = {"body_25b": "25b", "h36m17": "h36m"}
 """What the name of a folder says where the joints are those of the rarer one of two sets that have as many."""
 
@@ -54,39 +58,47 @@ def picture_joints(
 ) -> tuple[tuple[Stream | None, ...], list[str]]:
     """(joints of every view, notes) of formats with one file a picture; `found` is {camera: {number: file}}.
 
-    No streams where no file holds a person. Files of frames without a picture are left out.
+    No streams where no file holds a person. Files of frames without a picture are left out. Raises SourceError for
+    joints that are numbered as their pictures are not, all off alike.
     """
+    own, said = as_numbered(JOINTS, names, [found.get(n, {}) for n in names], pictures)
     kept = {
-        n: {k: p for k, p in found.get(n, {}).items() if k in set(s.numbers)}
-        for n, s in zip(names, pictures, strict=True)
+        n: {k: p for k, p in files.items() if k in set(s.numbers)}
+        for n, files, s in zip(names, own, pictures, strict=True)
     }
     person = next((p for n in names if (p := _joints_a_person(list(kept[n].values()), read))), None)
     if person is None:
         return (), (
-            ["the joint files hold no person" if any(kept.values()) else "no joint file belongs to a picture"]
+            ["the joint files hold no person" if any(kept.values()) else _of_no_picture(own, pictures)]
             if any(found.values())
             else []
         )
     chosen = guess_joint_set(person[0], given, hint, person[1])
     streams = tuple(file_stream(kind, kept[n], joint_set=chosen) if kept[n] else None for n in names)
-    return streams, [f"2D joints: {kind} files, joint set {chosen}", *_joint_gaps(names, streams, pictures)]
+    return streams, [f"2D joints: {kind} files, joint set {chosen}", *said, *_joint_gaps(names, streams, pictures)]
 
 
 def coco_joints(
     names: Sequence[str], files: Mapping[str, Path], shared: bool, pictures: Sequence[Stream], given: str | None
 ) -> tuple[tuple[Stream | None, ...], list[str]]:
     """(joints of every view, notes) of COCO JSON:
-    a file a view, or one `shared` by all that names each view's folder."""
+    a file a view, or one `shared` by all that names each view's folder.
+
+    Pictures are files: their numbers are those that joints must have. Raises SourceError where all are off alike.
+    """
     contents = {n: read_coco(p, n if shared else None) for n, p in files.items()}
     person = next(
         ((d.joints.shape[1], files[n]) for n, c in contents.items() for d in c.values() if len(d.joints)), None
     )
     if person is None:
         return (), ["the joint files hold no person"] if files else []
+    own, _ = as_numbered(JOINTS, names, [contents.get(n, {}) for n in names], pictures)
+    if not any(frames.keys() & set(s.numbers) for frames, s in zip(own, pictures, strict=True)):
+        return (), [_of_no_picture(own, pictures)]
     chosen = guess_joint_set(person[0], given, person[1].stem, person[1])
     streams: list[Stream | None] = []
-    for name, stream in zip(names, pictures, strict=True):
-        numbers = sorted(set(contents.get(name, {})) & set(stream.numbers))
+    for name, frames, stream in zip(names, own, pictures, strict=True):
+        numbers = sorted(frames.keys() & set(stream.numbers))
         options = {"joint_set": chosen, **({"view": name} if shared else {})}
         streams.append(
             Stream("coco", (SourceFile.of(files[name]),), tuple(numbers), options=options) if numbers else None
@@ -94,9 +106,18 @@ def coco_joints(
     return tuple(streams), [f"2D joints: coco files, joint set {chosen}", *_joint_gaps(names, streams, pictures)]
 
 
+def _of_no_picture(found: Sequence[Mapping[int, object]], pictures: Sequence[Stream]) -> str:
+    """The sentence about joints whose numbers no picture has."""
+    of, beside = (
+        ranges(np.unique(np.concatenate([np.array(list(n), np.int64) for n in numbers])))
+        for numbers in (found, [s.numbers for s in pictures])
+    )
+    return f"no joint belongs to a picture: joints are of frames {of}, pictures {beside}; number them alike"
+
+
 def _joint_gaps(names: Sequence[str], streams: Sequence[Stream | None], pictures: Sequence[Stream]) -> list[str]:
-    without = [f"camera {n} has no 2D joints" for n, s in zip(names, streams, strict=True) if s is None]
-    return without + gap_notes(names, streams, [s.numbers for s in pictures], "2D joints")
+    without = [f"camera {n} has no {JOINTS}" for n, s in zip(names, streams, strict=True) if s is None]
+    return without + gap_notes(names, streams, [s.numbers for s in pictures], JOINTS)
 
 
 def trc_joints(path: Path, axes: str) -> Stream:

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from posegaussian.storage.importers.common import whole_scale
 from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.crop import Crop, crop_settings
 from posegaussian.storage.model.errors import CalibrationError
@@ -161,9 +162,8 @@ def _bar(level: np.ndarray, dark: np.ndarray) -> Bar:
 
 def _scaled(calibrated: Size, captured: Size) -> Fit | None:
     """The whole picture, scaled, where the shapes agree to a pixel."""
-    (w, h), (cw, ch) = calibrated, captured
-    scale = w / cw if cw >= ch else h / ch
-    if max(abs(scale * cw - w), abs(scale * ch - h)) > max(1.0, scale):
+    scale = whole_scale(captured, calibrated)
+    if scale is None:
         return None
     return Fit(
         _centred(calibrated, captured, scale), f"the same shape, so the whole picture is taken as {_ratio(scale)}"

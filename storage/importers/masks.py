@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from posegaussian.storage.importers.common import all_below, file_stream, gap_notes, numbered, ranges
+from posegaussian.storage.importers.common import all_below, file_stream, gap_notes, numbered, ranges, size_of
+from posegaussian.storage.importers.numbering import as_numbered, told
 from posegaussian.storage.importers.posed_pictures import Files
 from posegaussian.storage.model.capture import Stream
 from posegaussian.storage.model.errors import SourceError
@@ -35,8 +36,9 @@ def mask_streams(
     """(masks of every view, notes), one folder a camera; none at all where neither the folders nor the alpha of the
     pictures have any.
 
-    Raises SourceError when only some cameras have masks, for a mask of another size than its picture, for masks that
-    fit no picture by their numbers, and for masks that hold nothing.
+    Masks may be smaller or larger than their pictures, but show the same field. Raises SourceError when only some
+    cameras have masks, for masks of another shape than their pictures, for masks that fit no picture by their numbers,
+    and for masks that hold nothing.
     """
     files = [numbered(f, images.PICTURE_SUFFIXES) for f in folders]
     return mask_file_streams(names, files, pictures, folders)
@@ -60,9 +62,8 @@ def mask_file_streams(
             f"cameras {', '.join(lacking)} have no masks while others have; add {add} or move all masks away"
         )
     fitting, notes = _fitting(names, files, pictures)
-    for name, found, stream in zip(names, fitting, pictures, strict=True):
-        _check_sizes(name, found, stream.size)
-    streams = [file_stream("images", f, s.size) for f, s in zip(fitting, pictures, strict=True)]
+    streams, sizes = _sized(names, fitting, pictures)
+    notes += sizes
     notes += gap_notes(names, streams, [s.numbers for s in pictures], "masks")
     kind, more = _of_values(names, streams, labels)
     return tuple(replace(s, options=dict(kind)) for s in streams), [*notes, *more]
@@ -88,10 +89,10 @@ def unread_masks(base: Path, layout: str, masked: bool) -> list[str]:
         found = [p for p in all_below(base / place) if p.is_file()]
         if not found:
             continue
-        told = f"{place} holds {len(found)} files, such as {found[0].relative_to(base)}, and none is read as a mask"
+        said = f"{place} holds {len(found)} files, such as {found[0].relative_to(base)}, and none is read as a mask"
         if not masked:
-            return [f"{told} by the layout {layout}; the layouts images and videos read masks/CAM/000000.png"]
-        return [f"{told}; {_to_be_read(base, found[0])}"]
+            return [f"{said} by the layout {layout}; the layouts images and videos read masks/CAM/000000.png"]
+        return [f"{said}; {_to_be_read(base, found[0])}"]
     return []
 
 
@@ -110,32 +111,15 @@ def _to_be_read(base: Path, found: Path) -> str:
 def _fitting(
     names: Sequence[str], files: Sequence[MaskFiles], pictures: Sequence[Stream]
 ) -> tuple[list[MaskFiles], list[str]]:
-    """(the masks of every view that belong to pictures, notes).
-
-    Frames of a video have no number that somebody wrote, and most programs count its masks from 1: where every camera
-    has a mask a frame and all numbers are off alike, masks go with frames one to one. Of pictures, which have numbers
-    as masks do, that is refused, as are masks that fit no picture at all.
-    """
-    off, notes = _all_off(files, pictures), []
-    if off and all(s.kind != "images" for s in pictures):
-        files = [{n - off: p for n, p in f.items()} for f in files]
-        notes.append(
-            f"masks: one a frame in every camera, numbered from {pictures[0].numbers[0] + off} where frames are from"
-            f" {pictures[0].numbers[0]}; they are taken one to one, the first mask for the first frame"
-        )
+    """(the masks of every view that belong to pictures, notes). Raises SourceError for masks that fit no picture."""
+    files, notes = as_numbered("masks", names, files, pictures)
     fitting: list[MaskFiles] = []
     for name, found, stream in zip(names, files, pictures, strict=True):
         known = set(stream.numbers)
         own = {n: p for n, p in found.items() if n in known}
-        said = (
-            f"its masks are frames {ranges(np.array(sorted(found)))}, its pictures {ranges(np.array(stream.numbers))}"
-        )
         if not own:
-            raise SourceError(f"camera {name}: {said}: none fits; number masks as their pictures are")
-        if off and own.keys() != found.keys():
             raise SourceError(
-                f"camera {name}: {said}: as many, and {abs(off)} off in every camera; number masks as their pictures"
-                " are, so that each has its picture's number"
+                f"camera {name}: {told('masks', found, stream.numbers)}: none fits; number masks as their pictures are"
             )
         if stray := sorted(found.keys() - own.keys()):
             notes.append(
@@ -147,22 +131,23 @@ def _fitting(
     return fitting, notes
 
 
-def _all_off(files: Sequence[MaskFiles], pictures: Sequence[Stream]) -> int:
-    """By how much the numbers of all masks are larger than those of the pictures, one mask a picture in every camera; 0
-    where there is no such number."""
-    if any(len(f) != len(s.numbers) for f, s in zip(files, pictures, strict=True)):
-        return 0
-    off = {a - b for f, s in zip(files, pictures, strict=True) for a, b in zip(sorted(f), s.numbers, strict=True)}
-    return off.pop() if len(off) == 1 else 0
-
-
-def _check_sizes(name: str, files: MaskFiles, wanted: tuple[int, int]) -> None:
-    for n, p in files.items():
-        if (size := images.picture_size(p)) != tuple(wanted):
-            raise SourceError(
-                f"camera {name}, frame {n}: mask {p} is {size[0]}x{size[1]} px, its picture is"
-                f" {wanted[0]}x{wanted[1]} px; masks must have the picture's size"
+def _sized(
+    names: Sequence[str], files: Sequence[MaskFiles], pictures: Sequence[Stream]
+) -> tuple[list[Stream], list[str]]:
+    """(streams of masks, notes on those that are smaller or larger than their pictures). Raises SourceError."""
+    streams, alike = [], dict[str, list[str]]()
+    for name, own, stream in zip(names, files, pictures, strict=True):
+        (width, height), shown = size_of("mask", name, own, stream.size), stream.size
+        streams.append(file_stream("images", own, (width, height)))
+        if (width, height) != tuple(shown):
+            how = "enlarged" if width * height < shown[0] * shown[1] else "reduced"
+            said = (
+                f"masks are {width}x{height} px, pictures {shown[0]}x{shown[1]} px: the same shape, so masks are {how}"
+                " to the pictures' size when read"
             )
+            alike.setdefault(said, []).append(name)
+    notes = [f"camera{'s' if len(of) > 1 else ''} {', '.join(of)}: {said}" for said, of in alike.items()]
+    return streams, notes
 
 
 def _of_values(names: Sequence[str], streams: Sequence[Stream], labels: bool) -> tuple[dict[str, bool], list[str]]:
@@ -189,13 +174,20 @@ def _of_values(names: Sequence[str], streams: Sequence[Stream], labels: bool) ->
         notes.append("masks hold labels of body parts; whatever is not 0 is the subject")
     elif kind:
         notes.append("masks hold only 0 and 1; they are read as 0 and 255")
-    if float(np.median(rims)) > ROUND:
-        notes.append(
-            f"masks are white along {np.median(rims):.0%} of the pictures' rim: they seem to mark the background, or to"
-            " cut nothing out. The subject must be white; if it is black, write them the other way round and import"
-            " again"
-        )
-    return kind, notes
+    return kind, notes + _of_rims(dict(zip(names, rims, strict=True)))
+
+
+def _of_rims(rims: Mapping[str, float]) -> list[str]:
+    """The sentence about masks that are white along most of the rim, in all cameras or in some: {camera: share}."""
+    again = "The subject must be white; if it is black, write them the other way round and import again"
+    if (middle := float(np.median(list(rims.values())))) > ROUND:
+        told = f"masks are white along {middle:.0%} of the pictures' rim"
+        return [f"{told}: they seem to mark the background, or to cut nothing out. {again}"]
+    if round_ := [n for n, share in rims.items() if share > ROUND]:
+        least = min(rims[n] for n in round_)
+        told = f"masks of {', '.join(round_)} are white along {least:.0%} of the pictures' rim, unlike the others'"
+        return [f"{told}: they seem to mark the background, or to cut nothing out. {again}"]
+    return []
 
 
 def _alpha_masks(names: Sequence[str], pictures: Sequence[Stream]) -> tuple[tuple[Stream, ...], list[str]]:

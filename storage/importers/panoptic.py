@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import Field
 
 from posegaussian.storage.formats.body_scenes import read_bodies
-from posegaussian.storage.importers.cameras import RawCamera, numbers
+from posegaussian.storage.importers.cameras import MOST_SKEW, RawCamera, moved_by_skew, numbers
 from posegaussian.storage.importers.common import ImportOptions, file_stream, folder, numbered, subfolders, videos_in
 from posegaussian.storage.importers.declaration import Importer, Trait, or_broken
 from posegaussian.storage.importers.filmed import DataSet, Filmed, capture_of
@@ -33,8 +33,6 @@ PANOPTIC = DataSet("panoptic", 29.97, "centimetres", "world to camera", rate_tol
 METRES = 1e-2
 """In a unit of the files."""
 JOINTS = "hdPose3d_stage1_coco19"
-MOST_SKEW = 0.5
-"""Px by which a matrix's skew may move the edge of a picture and be left out."""
 
 
 class PanopticOptions(ImportOptions):
@@ -142,14 +140,12 @@ def _cameras(path: Path, wanted: dict[str, Files]) -> tuple[dict[str, RawCamera]
             without += 1
             continue
         camera = _camera(name, given, path)
-        moved = abs(camera.intrinsics[0, 1] / camera.intrinsics[1, 1]) * max(camera.size or (0, 0)) / 2
-        if moved > MOST_SKEW:
+        if (moved := moved_by_skew(camera.intrinsics, given["resolution"])) > MOST_SKEW:
             notes.append(
                 f"camera {name} is left out: its skew {camera.intrinsics[0, 1]:g} px would move the picture's edge by"
                 f" {moved:.1f} px"
             )
             continue
-        camera.intrinsics[0, 1] = 0
         out[name] = camera
     others = sum(c.get("type") != "hd" for c in listed)
     if others:

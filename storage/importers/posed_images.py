@@ -16,8 +16,9 @@ from typing import NamedTuple
 import numpy as np
 
 from posegaussian.storage.formats.joint_files import frame_number
-from posegaussian.storage.importers.cameras import RawCamera, distances
+from posegaussian.storage.importers.cameras import RawCamera
 from posegaussian.storage.importers.common import natural
+from posegaussian.storage.model.cameras import distances
 from posegaussian.storage.model.errors import CalibrationError, SourceError
 
 STILL = (0.02, 2.0)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from posegaussian.storage.model.errors import CalibrationError, ConfigError
-from posegaussian.storage.model.plausible import check_camera
+from posegaussian.storage.model.plausible import check_camera, check_place
 from posegaussian.storage.model.spec import digest
 
 PIXEL_CENTRE = 0.5
@@ -57,6 +57,14 @@ def points_to_integer_centres(points: np.ndarray) -> np.ndarray:
 def camera_centre(world_to_camera: np.ndarray) -> np.ndarray:
     """[3] centre in the world, metres, of a camera [4, 4]: -R^T t."""
     return np.asarray(-world_to_camera[:3, :3].T @ world_to_camera[:3, 3])
+
+
+def distances(places: np.ndarray) -> np.ndarray:
+    """Distances between all pairs of places [n, 3], ascending; of many places those of every k-th."""
+    some = places[:: max(1, len(places) // 500)]
+    a, b = np.triu_indices(len(some), 1)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.sort(np.linalg.norm(some[a] - some[b], axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +139,7 @@ class Rig:
             fx, fy = self.intrinsics[v, 0, 0], self.intrinsics[v, 1, 1]
             if fx <= 0 or fy <= 0:
                 raise CalibrationError(f"camera {name}: focal lengths ({fx:g}, {fy:g}) px must be positive")
-            check_camera(name, self.intrinsics[v], self.distortion[v], self.world_to_camera[v, :3, 3], self.size[v])
+            check_camera(name, self.intrinsics[v], self.distortion[v], self.size[v])
             r = self.rotations[v]
             error = np.abs(r @ r.T - np.eye(3)).max()
             if error <= 1e-3 and np.linalg.det(r) < 0:
@@ -146,6 +154,9 @@ class Rig:
                     f"camera {name}: the last row of world_to_camera is {self.world_to_camera[v, 3].tolist()}, a rigid"
                     " motion's is [0, 0, 0, 1]"
                 )
+        middle, apart = self.centres.mean(axis=0), distances(self.centres)
+        for name, pose in zip(self.names, self.world_to_camera, strict=True):
+            check_place(name, pose[:3, 3], middle, float(apart[-1]) if len(apart) else 0.0)
 
 
 def rotation_matrix(vector: np.ndarray) -> np.ndarray:

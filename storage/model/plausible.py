@@ -23,6 +23,10 @@ OFF_CENTRE = 2.0
 """How far from the middle of the picture the principal point may lie, over the longer side."""
 RADIAL, TANGENTIAL = 1000.0, 10.0
 """Distortion coefficients, of normalised coordinates: k1 to k6, and p1 and p2."""
+APART = (0.2, 20.0)
+"""Metres between which the largest distance of two cameras of a rig lies, unless the user says a unit."""
+UNITS = {"centimetres": 1e-2, "millimetres": 1e-3}
+"""Metres in a unit that calibrations are written in."""
 FARTHEST = 1000.0
 """Metres from the origin at which a camera or a joint may lie."""
 TURN = 4 * np.pi
@@ -61,12 +65,10 @@ def check_picture(where: str, width: int, height: int) -> None:
         )
 
 
-def check_camera(
-    name: str, intrinsics: np.ndarray, distortion: np.ndarray, translation: np.ndarray, size: np.ndarray
-) -> None:
+def check_camera(name: str, intrinsics: np.ndarray, distortion: np.ndarray, size: np.ndarray) -> None:
     """Raise CalibrationError for finite numbers of one camera that cannot be.
 
-    intrinsics [3, 3] px, distortion [8], translation [3] metres, size [2] px.
+    intrinsics [3, 3] px, distortion [8], size [2] px.
     """
     width, height = (float(s) for s in size)
     check_size(name, width, height)
@@ -101,11 +103,39 @@ def check_camera(
                 f"beyond {bound:g}; coefficients of OpenCV's model are expected, of coordinates without unit (not "
                 "pixels)"
             )
-    if not (far := float(np.abs(translation).max())) <= FARTHEST:
-        raise CalibrationError(
-            f"camera {name}: its translation holds {far:g} m, at most {FARTHEST:g} m are plausible; is it in "
-            "millimetres? Divide it by 1000, or move the origin to the scene"
+
+
+def check_place(name: str, translation: np.ndarray, middle: np.ndarray, apart: float) -> None:
+    """Raise CalibrationError for a finite translation [3] m of a camera whose rig has its `middle` [3] m there and
+    cameras up to `apart` m from one another, 0 of one camera."""
+    if (far := float(np.abs(translation).max())) <= FARTHEST:
+        return
+    if APART[0] <= apart <= APART[1]:
+        x, y, z = (f"{n:g}" for n in np.round(middle))
+        why = (
+            f"cameras lie up to {apart:.3g} m apart, so the unit is right and the origin far off: subtract"
+            f" ({x}, {y}, {z}) m from every camera's place (-R^T t), and from all else that is given in the world"
         )
+    else:
+        unit = unit_of(apart) or "millimetres? Divide it by 1000, or move the origin to the scene"
+        why = f"is it in {unit}"
+    raise CalibrationError(
+        f"camera {name}: its translation holds {far:g} m, at most {FARTHEST:g} m are plausible; {why}"
+    )
+
+
+def unit_of(apart: float) -> str:
+    """What follows "in": the units in which cameras that lie `apart` m from one another, as read, would lie as those of
+    a rig do, and what to multiply them by; empty where there is none."""
+    fitting = {u: f for u, f in UNITS.items() if APART[0] <= apart * f <= APART[1]}
+    if not fitting:
+        return ""
+    lengths = " or ".join(f"{apart * f:.3g} m" for f in fitting.values())
+    factors = " or ".join(f"{f:g}" for f in fitting.values())
+    return (
+        f"{' or in '.join(fitting)}? Then cameras lie up to {lengths} apart: multiply translations by {factors}, or set"
+        " the option scale where the layout has it"
+    )
 
 
 def check_rotation_vector(name: str, vector: np.ndarray) -> None:

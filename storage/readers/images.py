@@ -83,6 +83,17 @@ def _subject(values: np.ndarray) -> np.ndarray:
     return colour
 
 
+def resized(mask: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """[h, w] uint8 of (width, height) px that shows what the mask [h', w'] shows, corner to corner: in between its
+    pixels where it is enlarged, so that an edge stays where it was, their average where it is reduced."""
+    if (mask.shape[1], mask.shape[0]) == tuple(size):
+        return mask
+    import cv2
+
+    reduced = mask.size > size[0] * size[1]
+    return np.asarray(cv2.resize(mask, tuple(size), interpolation=cv2.INTER_AREA if reduced else cv2.INTER_LINEAR))
+
+
 def read_depth(path: str | Path) -> np.ndarray:
     """[h, w] float32 metres of the first channel of a float file; what is not finite means no surface and becomes 0.
 
@@ -122,6 +133,18 @@ def has_alpha(path: str | Path) -> bool:
     source, spec = _open(path)
     source.close()
     return bool(spec.nchannels == MOST_CHANNELS)
+
+
+def largest_of_16_bits(path: str | Path) -> int | None:
+    """The largest value of colour in a picture of 16 bits a channel; None of another kind, which is not decoded. Raises
+    SourceError."""
+    source, spec = _open(path)
+    source.close()
+    if str(spec.format) != "uint16":
+        return None
+    values = _read(path)
+    with_alpha = values.shape[2] in (2, MOST_CHANNELS)
+    return int(values[..., : values.shape[2] - with_alpha].max())
 
 
 def holds_integers(path: str | Path) -> bool:

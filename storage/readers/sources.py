@@ -132,9 +132,18 @@ class Pictures(_Source):
 class Masks(_Source):
     """Masks as given, files of their own or the alpha of pictures (`posegaussian.stages.contract.io.MaskReader`)."""
 
+    def __init__(self, capture: Capture, kind: str) -> None:
+        super().__init__(capture, kind)
+        self._shown = [s.size for s in capture.pictures]
+
     def read(self, view: int, numbers: Sequence[int]) -> Iterator[np.ndarray]:
-        """[h, w] uint8, 0..255 foreground, for each frame number;
-        masks of 0 and 1 are spread to 0 and 255, of labels of parts all but 0 are 255. Raises SourceError."""
+        """[h, w] uint8, 0..255 foreground, for each frame number, in pixels of its picture, whatever the mask's own
+        are; masks of 0 and 1 are spread to 0 and 255, of labels of parts all but 0 are 255. Raises SourceError."""
+        for mask in self._given(view, numbers):
+            yield images.resized(mask, self._shown[view])
+
+    def _given(self, view: int, numbers: Sequence[int]) -> Iterator[np.ndarray]:
+        """The same in the mask's own pixels."""
         stream = self._stream(view)
         if stream.kind == "hdf5":
             file = self._hdf5(stream.files[0])
@@ -154,7 +163,8 @@ class Depth(_Source):
     def read(self, view: int, numbers: Sequence[int]) -> Iterator[np.ndarray]:
         """[h, w] float32 metres along the optical axis, 0 = no surface, for each frame number. Raises SourceError."""
         for n, path in zip(numbers, self._files(view, numbers), strict=True):
-            yield self._sized(view, int(n), images.read_depth(path))
+            depth = images.read_depth(path) * np.float32(self._stream(view).options.get("scale", 1.0))
+            yield self._sized(view, int(n), depth)
 
 
 class DepthMaps(_Source):

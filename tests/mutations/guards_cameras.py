@@ -23,7 +23,7 @@ GUARDS = (
         RAW, "exact = np.stack([rigid(m[:3, :3], m[:3, 3]) for m in world_to_camera])", "exact = world_to_camera"
     ),
     guards_of("K6")(
-        "storage/importers/letterbox.py",
+        "storage/importers/common.py",
         "scale = w / cw if cw >= ch else h / ch\n    if max",
         "scale = 1.0\n    if max",
     ),

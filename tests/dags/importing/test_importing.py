@@ -14,6 +14,7 @@ from posegaussian.dags.planning.fingerprint import own_parts
 from posegaussian.dags.planning.plan import State
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.variants import settled_variant
+from posegaussian.stages.inspection.cameras import of_lens
 from posegaussian.storage.archive import set_aside
 from posegaussian.storage.archive.lease import Lease
 from posegaussian.storage.archive.receipts import scan_receipts
@@ -169,3 +170,21 @@ def test_the_same_capture_is_updated_without_a_question(two: tuple[Pipeline, Pip
     film(moved.folder, views=3, frames=4, motion="wave", masks=False, depth=False)
     assert "registered before" in register_again(moved)[0]
     assert any(v.state is State.FRESH for v in old.plan().verdicts.values())
+
+
+def test_a_lens_that_folds_back_within_the_picture_is_said(tmp_path: Path) -> None:
+    """As `inspect` finds it later: k1 = -1 shows nothing beyond 2 / (3 sqrt(3)) of the focal length."""
+    film(tmp_path / "capture", views=3, frames=2, masks=False, depth=False)
+    made = Pipeline(tmp_path / "archive", tmp_path / "capture")
+    settings = made.configuration.for_sequence(NAME)
+    capture = find_capture("images", tmp_path / "capture", [], settings)
+    archive = Archive.open(made.session.archive_url, create=True)
+    assert not any("lens" in n for n in register(archive, NAME, capture, settings)[1])
+    bent = capture.rig.distortion.copy()
+    bent[1, 0] = -1.0
+    folding = dataclasses.replace(capture, rig=dataclasses.replace(capture.rig, distortion=bent))
+    (told,) = (n for n in register(archive, NAME, folding, settings)[1] if "lens" in n)
+    (found,) = (f for f in of_lens(folding.rig, 1) if f.measure == "lens model")
+    assert found.value is not None
+    assert found.value < 1
+    assert told.startswith(f"camera cam01: the lens model folds back at {found.value:.0%} of the way to the corner")

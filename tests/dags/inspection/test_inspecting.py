@@ -22,9 +22,9 @@ from posegaussian.dags.importing.register import find_capture, register
 from posegaussian.dags.inspection.inspect import footage_of, planned_of, run_inspection
 from posegaussian.dags.planning.context import Context
 from posegaussian.stages.depth.params import resolve_method
-from posegaussian.stages.inspection.finding import ORDER, Finding, FindingVerdict
+from posegaussian.stages.inspection.finding import IMPACT, ORDER, Finding, FindingVerdict, worst_first
 from posegaussian.stages.inspection.pairs import every_pair, of_pairs
-from posegaussian.stages.inspection.report import IMPACT, Report
+from posegaussian.stages.inspection.report import Report
 from posegaussian.stages.inspection.report import inspect as measure
 from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.archive.store import Archive
@@ -47,6 +47,7 @@ MEASURES = {
     "joints on masks",
     "time offset",
     "exposure",
+    "clipped white",
     "focus",
     "blur against others",
     "people",
@@ -282,6 +283,18 @@ def test_masks_that_are_not_the_subjects_are_found(
         bad = bad_cameras(report, measure_name)
         assert len(bad) == count, (measure_name, bad)
         assert cameras == "*" or bad <= {cameras}
+
+
+def test_one_inverted_mask_is_told_before_those_that_it_contradicts(
+    spoilt: Callable[[Callable[[Path], None]], Report],
+) -> None:
+    """And nobody is told to look for a fault in the masks of the others."""
+    report = spoilt(lambda folder: repainted(folder, "cam02", lambda m: 255 - m))
+    innocent = [f for f in report.findings if f.measure == "mask agreement" and f.cameras != ("cam02",) and f.advice]
+    assert {f.advice for f in innocent} == {"mend the masks of cam02, which it is compared with, and inspect again"}
+    assert [f.measure for f in worst_first(report.findings)][:2] == ["mask at the rim", "joints on masks"]
+    assert "cam02" in report.to_do[0][1]
+    assert report.sentence.startswith("This capture is bad (mask at the rim, joints on masks, mask agreement")
 
 
 def test_without_joints_and_masks_it_says_what_cannot_be_measured(

@@ -58,3 +58,12 @@ def test_what_is_wrong_with_a_camera_that_is_left_out_keeps_its_advice_and_does_
     assert (left_out(bad).advice, left_out(bad).value) == ("do", 3.0)
     assert overall([good, left_out(bad)]) is FindingVerdict.GOOD
     assert overall([left_out(bad)]) is FindingVerdict.UNKNOWN
+
+
+def test_the_cause_is_told_before_what_follows_from_it() -> None:
+    """However far beyond its bounds either is."""
+    cause = measured("mask at the rim", ("a",), 1.0, "", 0.5, 0.75, "s", "do")
+    follows = [measured("mask agreement", (n,), 0.2, "", 0.98, 0.9, "s", "do") for n in "bc"]
+    doubtful = measured("mask at the rim", ("d",), 0.6, "", 0.5, 0.75, "s", "do")
+    assert follows[0].excess > cause.excess
+    assert worst_first([*follows, doubtful, cause]) == [cause, *follows, doubtful]

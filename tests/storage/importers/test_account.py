@@ -84,3 +84,38 @@ def test_videos_that_differ_by_a_frame_are_said(tmp_path: Path) -> None:
     assert said(9, 10, 9, 9)
     assert not said(9, 9, 9, 9)
     assert not said(9, 12, 9, 9)
+
+
+@pytest.mark.parametrize(("largest", "bits"), [(255, 8), (1023, 10), (4080, 12), (4095, 12), (4096, None), (0, None)])
+def test_16_bit_pictures_that_use_the_lowest_bits_alone_are_said(
+    tmp_path: Path, largest: int, bits: int | None
+) -> None:
+    """Whatever their alpha holds, and where one camera's pictures go farther none is accused."""
+    write(tmp_path)
+
+    def picture(v: int, most: int) -> None:
+        values = np.full((ring.SIZE[1], ring.SIZE[0], 4), most // 3, np.uint16)
+        values[5, 5, 1], values[..., 3] = most, 65535
+        cv2.imwrite(str(tmp_path / "images" / f"c{v}" / "0.png"), values)
+
+    for v in range(4):
+        picture(v, largest)
+    told = [n for n in find_capture("images", tmp_path, {}).notes if n.startswith("16-bit pictures")]
+    if bits is None:
+        assert not told
+        return
+    factor = 2 ** (16 - bits)
+    dark = (
+        f"16-bit pictures hold at most {largest} where looked at: {bits} bits in 16, which is {factor} times too dark"
+    )
+    assert told == [f"{dark}; multiply them by {factor} and import again"]
+    picture(2, 60000)
+    assert not any("16-bit" in n for n in find_capture("images", tmp_path, {}).notes)
+
+
+def test_cameras_in_another_unit_are_said_with_what_it_may_be(tmp_path: Path) -> None:
+    far = {"t": lambda v: (100 * ring.translation(v)).tolist()}
+    told = [n for n in find_capture("images", write(tmp_path, **far), {}).notes if "are they in" in n]
+    assert len(told) == 1
+    assert "are they in centimetres or in millimetres? Then cameras lie up to" in told[0]
+    assert "multiply translations by 0.01 or 0.001" in told[0]

@@ -106,7 +106,7 @@ def test_another_resolution_is_taken_and_another_shape_refused(base: Path) -> No
         find(base)
     (base / "depth_maps" / import_capture.NAMES[0] / "000001.exr").unlink()
     write(base, ramp(24, 24))
-    with pytest.raises(SourceError, match="another shape than the pictures' 64x48 px"):
+    with pytest.raises(SourceError, match="is 24x24 px, its picture is 64x48 px, which is another shape"):
         find(base)
 
 

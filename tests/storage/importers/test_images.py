@@ -266,3 +266,55 @@ def test_masks_that_mark_the_background_are_named_at_once(base, white, black):
     assert any("mark the background" in n for n in capture.notes) == (white < black)
     assert any("hold only 0 and 1" in n for n in capture.notes) == (max(white, black) == 1)
     assert int(next(iter(open_source(capture, "masks").read(0, [0])))[20, 30]) == (0 if white < black else 255)
+
+
+def in_units(base: Path, metre: float) -> Path:
+    """The same capture, lengths in units of which a metre has so many: poses, and depth maps and true depth of 3 m."""
+    data = cameras()
+    for v, entry in enumerate(data["cameras"]):  # type: ignore[arg-type, var-annotated]
+        entry["t"] = (metre * import_capture.TRANSLATION[v]).tolist()
+        for kind in ("depth_maps", "depth"):
+            write(base / kind / entry["name"] / "000001.exr", np.full((48, 64), 3 * metre, np.float32))
+    import_capture.dump(base / "cameras.json", data)
+    return base
+
+
+@pytest.mark.parametrize("option", ["scale=0.01", "distance"])
+@pytest.mark.parametrize("metre", [100.0, 0.5])
+def test_a_unit_that_the_user_says_holds_for_poses_and_depth(base: Path, metre: float, option: str) -> None:
+    """The law: whatever unit a capture is written in, it is the same capture."""
+    exact = find(in_units(base, 1.0))
+    apart = float(np.linalg.norm(exact.rig.centres[0] - exact.rig.centres[2]))
+    given = {"scale": 1 / metre} if option != "distance" else {"distance": f"cam1,cam10,{apart}"}
+    capture = find(in_units(base, metre), **given)
+    np.testing.assert_allclose(capture.rig.world_to_camera, exact.rig.world_to_camera, atol=1e-12)
+    for kind in ("depth_maps", "depth"):
+        for v in range(3):
+            (depth,) = open_source(capture, kind).read(v, [1])
+            np.testing.assert_allclose(depth, 3, rtol=1e-6)
+    (told,) = (n for n in capture.notes if n.startswith("unit:"))
+    assert f"{1 / metre:g} m, as" in told
+    assert "unit: metres, as the layout has it" in exact.notes
+
+
+def test_depth_maps_of_a_unit_of_their_own_and_options_that_contradict(base: Path) -> None:
+    in_units(base, 100.0)
+    (depth,) = open_source(find(base, scale=0.01, depth_scale=0.02), "depth_maps").read(0, [1])
+    np.testing.assert_allclose(depth, 6, rtol=1e-6)
+    with pytest.raises(UserError, match="options scale and distance both say the unit"):
+        find(base, scale=0.01, distance="cam1,cam10,2")
+
+
+def test_a_little_skew_is_left_out_and_said_and_more_is_refused(base: Path) -> None:
+    """By the px that it moves the picture's edge by, not by a share of the focal length."""
+    for skew, said in ((1e-6, False), (0.02, True), (1.0, True)):
+        change(base, K=(import_capture.K[0] + skew * np.eye(3, k=1) * [[1], [0], [0]]).tolist())
+        capture = find(base)
+        np.testing.assert_array_equal(capture.rig.intrinsics[:, 0, 1], 0)
+        told = [
+            n for n in capture.notes if n.startswith("skew of cam1 is left out: it moves a picture's edge by up to")
+        ]
+        assert bool(told) == said, skew
+    change(base, K=(import_capture.K[0] + 1.5 * np.eye(3, k=1) * [[1], [0], [0]]).tolist())
+    with pytest.raises(UserError, match=r"camera cam1: skew 1.5 px must be 0, or move .* at most 0\.5 px.* by 0\.7 px"):
+        find(base)

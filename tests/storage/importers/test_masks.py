@@ -206,3 +206,88 @@ def test_a_layout_without_masks_says_which_has_them(tmp_path: Path) -> None:
     masks(tmp_path)
     (told,) = said(find_capture("pose2sim", tmp_path, {}), "none is read as a mask")
     assert "by the layout pose2sim; the layouts images and videos read masks/CAM/000000.png" in told
+
+
+def beyond(x: np.ndarray, y: np.ndarray, turn: float) -> np.ndarray:
+    """How far points lie outside an ellipse turned by `turn` radians, about, in the unit in which pictures are 4 by
+    3."""
+    c, s = np.cos(turn), np.sin(turn)
+    along, across = (c * (x - 2.1) + s * (y - 1.4)) / 1.1, (c * (y - 1.4) - s * (x - 2.1)) / 0.6
+    level = np.hypot(along, across)
+    return np.asarray((level - 1) * level / np.maximum(np.hypot(along / 1.1, across / 0.6), 1e-9))
+
+
+def silhouette(width: int, height: int, turn: float) -> np.ndarray:
+    """[h, w] uint8 share of every pixel that the ellipse covers, whatever the size of the picture."""
+    fine = 8
+    x, y = (np.arange(width * fine) + 0.5) * 4 / (width * fine), (np.arange(height * fine) + 0.5) * 3 / (height * fine)
+    inside = (beyond(x, y[:, None], turn) <= 0).reshape(height, fine, width, fine)
+    return np.rint(255 * inside.mean(axis=(1, 3))).astype(np.uint8)
+
+
+def outline(mask: np.ndarray) -> np.ndarray:
+    """[n, 2] px where a mask's rows pass through half of 255."""
+    level = mask.astype(float) - 127.5
+    rows, columns = np.nonzero((level[:, :-1] > 0) != (level[:, 1:] > 0))
+    here, next_ = level[rows, columns], level[rows, columns + 1]
+    return np.stack([columns + 0.5 + here / (here - next_), rows + 0.5], axis=1)
+
+
+@pytest.mark.parametrize("size", [(160, 120), (80, 60), (640, 480), (107, 80)])
+@pytest.mark.parametrize("turn", [0.0, 0.4, 1.2])
+def test_masks_of_another_size_put_the_outline_where_it_is(tmp_path: Path, size: tuple[int, int], turn: float) -> None:
+    """The law: within half a pixel of the picture, wherever the outline runs, whatever the masks' own pixels are."""
+    whole = (320, 240)
+    import_capture.pictures(tmp_path / "images", size=whole)
+    entries = test_images.cameras()
+    for entry in entries["cameras"]:  # type: ignore[attr-defined]
+        entry |= {"width": 320, "height": 240, "K": (np.diag([5.0, 5, 1]) @ np.array(entry["K"])).tolist()}
+    import_capture.dump(tmp_path / "cameras.json", entries)
+    for name in NAMES:
+        for n in FRAMES:
+            written("16 bit")(tmp_path / "masks" / name / f"{n:06d}.png", silhouette(*size, turn))
+    capture = find(tmp_path)
+    (told,) = said(capture, "the same shape, so masks are")
+    assert told.startswith(f"cameras cam1, cam2, cam10: masks are {size[0]}x{size[1]} px, pictures 320x240 px")
+    assert ("enlarged" if size[0] < 320 else "reduced") in told
+    for read in open_source(capture, "masks").read(1, FRAMES):
+        assert read.shape == (240, 320)
+        points = np.concatenate([outline(read), outline(read.T)[:, ::-1]]) / 80
+        assert len(points) > 400
+        assert np.abs(80 * beyond(*points.T, turn)).max() < 0.5
+
+
+def test_masks_of_another_shape_or_of_two_sizes_are_refused(tmp_path: Path) -> None:
+    folders(tmp_path)
+    import_capture.pictures(tmp_path / "masks", size=(32, 32))
+    with pytest.raises(
+        UserError, match=r"mask .* is 32x32 px, its picture is 64x48 px, which is another shape; a mask"
+    ):
+        find(tmp_path)
+    import_capture.pictures(tmp_path / "masks", size=(32, 24))
+    ring.write_mask(tmp_path / "masks" / NAMES[0] / "000002.png", 0, 2)
+    with pytest.raises(UserError, match=r"frame 2: mask .* is 64x48 px, the first one is 32x24 px; one camera has one"):
+        find(tmp_path)
+
+
+def test_smaller_masks_of_0_and_1_are_spread_before_they_are_enlarged(tmp_path: Path) -> None:
+    folders(tmp_path)
+    small = (ring.mask(0, 0)[::2, ::2] > 0).astype(np.uint8)
+    for name in NAMES:
+        for n in FRAMES:
+            path = tmp_path / "masks" / name / f"{n:06d}.png"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_png(path, small)
+    (read,) = open_source(find(tmp_path), "masks").read(0, [0])
+    assert read.shape == (48, 64)
+    assert set(np.unique(read)) > {0, 255}
+
+
+def test_masks_of_one_camera_that_mark_the_background_are_named(tmp_path: Path) -> None:
+    masks(folders(tmp_path))
+    assert not said(find(tmp_path), "rim")
+    for path in (tmp_path / "masks" / "cam2").iterdir():
+        write_png(path, 255 - cv2.imread(str(path), cv2.IMREAD_GRAYSCALE))
+    (told,) = said(find(tmp_path), "rim")
+    assert told.startswith("masks of cam2 are white along 100% of the pictures' rim, unlike the others'")
+    assert "write them the other way round" in told

@@ -19,7 +19,7 @@ from posegaussian.storage.formats.joint_files import frame_number, read_coco, re
 from posegaussian.storage.importers.joint_streams import trc_joints
 from posegaussian.storage.model.crop import Crop
 from posegaussian.storage.model.errors import CalibrationError, ConfigError, SourceError
-from posegaussian.storage.model.plausible import check_rate, check_rotation_vector, check_time
+from posegaussian.storage.model.plausible import check_rate, check_rotation_vector, check_time, unit_of
 from posegaussian.storage.readers.images import picture_size, read_picture, write_png
 from tests.fuzz.captures import trc
 from tests.support.sample_captures import make_rig
@@ -216,3 +216,36 @@ def test_a_frame_number_beyond_64_bits_is_refused() -> None:
     assert frame_number("cam_1700000000123456789.png".replace("9.png", ".png")) == 170000000012345678
     with pytest.raises(SourceError, match="a frame number of 30 digits"):
         frame_number("9" * 30 + ".png")
+
+
+@pytest.mark.parametrize(
+    ("factor", "moved", "sentence"),
+    [
+        (
+            1.0,
+            (5000.0, -3000.0, 200.0),
+            r"so the unit is right and the origin far off: subtract \(5000, -3000, 20[0-9]\) m",
+        ),
+        (2e3, (0.0, 0.0, 0.0), r"is it in millimetres\? Then cameras lie up to [0-9.]+ m apart: .* by 0\.001, or set"),
+        (2.0, (1e4, 0.0, 0.0), "the unit is right"),
+        (1e9, (0.0, 0.0, 0.0), "Divide it by 1000, or move the origin"),
+    ],
+)
+def test_cameras_far_away_are_of_another_unit_or_of_another_origin(
+    factor: float, moved: tuple[float, float, float], sentence: str
+) -> None:
+    """By how far they lie from one another, and by the rule itself the cameras are then accepted."""
+    whole = make_rig(4)
+    poses = whole.world_to_camera.copy()
+    poses[:, :3, 3] = -np.einsum("vij,vj->vi", whole.rotations, factor * whole.centres + moved)
+    with pytest.raises(CalibrationError, match=sentence):
+        replace(whole, world_to_camera=poses).check()
+
+
+def test_a_unit_is_proposed_only_where_cameras_then_lie_as_those_of_a_rig_do() -> None:
+    assert unit_of(520) == (
+        "centimetres or in millimetres? Then cameras lie up to 5.2 m or 0.52 m apart: multiply translations by 0.01 or"
+        " 0.001, or set the option scale where the layout has it"
+    )
+    assert unit_of(5200).startswith("millimetres? Then cameras lie up to 5.2 m apart: multiply translations by 0.001,")
+    assert unit_of(1e6) == unit_of(5.2) == ""
