@@ -73,9 +73,16 @@ def _evening(evidence: Evidence, bound: float) -> Decision | None:
 
 
 def _no_masks(evidence: Evidence) -> str | None:
+    """Why nothing tells where the background is."""
     if not {MASKS, SEGMENTED} & evidence.facts:
         return "the capture came without masks, and nobody segments the person: the background's shape is a guess"
-    return None if len(evidence.sources) > 2 else "fewer than three source views have masks to compare"
+    return None if len(evidence.sources) > 1 else "there is a single source view"
+
+
+def _few_masks(evidence: Evidence) -> str | None:
+    """Why nothing tells where the subject is: what two masks leave holds much that is nobody's."""
+    few = None if len(evidence.sources) > 2 else "fewer than three source views have masks to compare"
+    return _no_masks(evidence) or few
 
 
 def coarseness(evidence: Evidence) -> float:
@@ -155,7 +162,7 @@ def _no_limbs(evidence: Evidence) -> str | None:
     """Why nothing tells where the body goes on that no view sees."""
     if LIMB_BOUNDS not in evidence.facts:
         return "no limbs are believed (limb_bounds is off)"
-    return _no_masks(evidence)
+    return _few_masks(evidence)
 
 
 def widest_gap(rig: Rig) -> float:
@@ -214,7 +221,7 @@ HOLE_FILLING = Effect(
     "1",
     _filling,
     asks=(AGREEMENT,),
-    lacks=_of_ours(_no_masks),
+    lacks=_of_ours(_few_masks),
 )
 OUTLINE_EVENING = Effect(
     facts.OUTLINE_EVENING,
@@ -224,7 +231,7 @@ OUTLINE_EVENING = Effect(
     "1",
     _evening,
     asks=(AGREEMENT,),
-    lacks=_of_ours(_no_masks),
+    lacks=_of_ours(_few_masks),
 )
 POSE_BLENDING = Effect(
     facts.POSE_BLENDING,

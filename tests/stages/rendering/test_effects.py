@@ -51,6 +51,17 @@ def test_masks_are_trusted_where_most_outlines_agree(person: PersonCapture) -> N
         assert effect.lacks(unmasked())  # type: ignore[arg-type]
 
 
+def test_two_masks_clip_and_neither_fill_nor_even(person: PersonCapture) -> None:
+    """Beyond what either shows is nobody; what both leave is not all somebody's."""
+    two, one = evidence(person), evidence(person)
+    two.sources, one.sources = (0, 1), (0,)
+    assert SILHOUETTE_CLIPPING.lacks(two) is None  # type: ignore[arg-type]
+    for effect in (HOLE_FILLING, OUTLINE_EVENING):
+        assert "fewer than three" in str(effect.lacks(two))  # type: ignore[arg-type]
+    for effect in (SILHOUETTE_CLIPPING, HOLE_FILLING, OUTLINE_EVENING):
+        assert "single source view" in str(effect.lacks(one))  # type: ignore[arg-type]
+
+
 def unmasked() -> SimpleNamespace:
     """Evidence of a capture without masks."""
     return SimpleNamespace(params=RenderingParams(), facts=frozenset(), sources=(0, 1, 2))
