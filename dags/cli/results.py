@@ -26,98 +26,114 @@ from posegaussian.dags.session.next_steps import after_export
 from posegaussian.storage.exporters.layouts.registry import LAYOUTS
 from posegaussian.storage.model.errors import ConfigError
 
+PathOption = Annotated[
+    str | None,
+    typer.Option(
+        "--path",
+        help=(
+            'Camera path: between, orbit, held_out, "arc CAM_A CAM_B", "still CAM", "sway [CAM [DEGREES]]", or a'
+            " .json file of cameras. Default: the configured one."
+        ),
+    ),
+]
+VideoOption = Annotated[
+    Path | None,
+    typer.Option("--video", help="Write H.264 video to this file, or of several paths and cameras beside it."),
+]
+FramesOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--frames", help="Write PNG pictures and frames.csv to this folder, or to a folder a path in it of several."
+    ),
+]
+SheetOption = Annotated[
+    Path | None,
+    typer.Option("--sheet", help="Write a contact sheet (PNG) to this file, or one a path beside it."),
+]
+AlphaOption = Annotated[
+    bool, typer.Option("--alpha", help="Keep the coverage as an alpha channel of the PNG pictures.")
+]
+BackgroundOption = Annotated[
+    str,
+    typer.Option(
+        "--background",
+        help=(
+            "What videos and pictures stand on: none (black), plate (what the camera itself filmed behind the"
+            " subject), '#RRGGBB', or a picture file."
+        ),
+    ),
+]
+SplatsOption = Annotated[
+    Path | None,
+    typer.Option("--splats", help="Write the Gaussians of every frame to this folder, one 3DGS PLY each."),
+]
+PageOption = Annotated[
+    Path | None,
+    typer.Option("--page", help="Write one HTML file that plays the Gaussians in any browser, without a server."),
+]
+PageGaussiansOption = Annotated[
+    int | None,
+    typer.Option(
+        "--page-gaussians",
+        help="Gaussians a frame of --page, about, at most: pixels are merged 2 x 2, 3 x 3, ... Default: all.",
+        min=1000,
+    ),
+]
+SplatsAsOption = Annotated[
+    str,
+    typer.Option(
+        "--splats-as",
+        help="How --splats names and writes files: ply (000012.ply), spz (000012.spz, a quarter to a sixth of the"
+        " bytes), or sequence (frame0001.ply, which SuperSplat plays).",
+    ),
+]
+ViewOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--view", help="Source view whose Gaussians --splats and --page write (may be repeated). Default: all."
+    ),
+]
+LayoutOption = Annotated[
+    str | None,
+    typer.Option(
+        "--to",
+        help=(
+            "Write undistorted pictures, masks, cameras and a cloud for other tools, in the layout"
+            f" {' or '.join(LAYOUTS)}."
+        ),
+    ),
+]
+OutputOption = Annotated[Path | None, typer.Option("--output", help="Folder for --to; default: SEQUENCE-LAYOUT.")]
+FrameOption = Annotated[
+    int | None, typer.Option("--frame", help="Source frame number of the one instant of --to. Default: all.")
+]
+BudgetOption = Annotated[
+    float | None,
+    typer.Option(
+        "--budget",
+        help="Merge the Gaussians of --splats, and of the cloud of --to, to no more than this share of a frame's"
+        " (up to 1) or this number. Default: all of them.",
+    ),
+]
+
 
 def export(
     sequence: Annotated[str, typer.Argument(help="Name of the sequence.")],
-    path: Annotated[
-        str | None,
-        typer.Option(
-            "--path",
-            help=(
-                'Camera path: between, orbit, held_out, "arc CAM_A CAM_B", "still CAM", "sway [CAM [DEGREES]]", or a'
-                " .json file of cameras. Default: the configured one."
-            ),
-        ),
-    ] = None,
-    video: Annotated[
-        Path | None,
-        typer.Option("--video", help="Write H.264 video to this file, or of several paths and cameras beside it."),
-    ] = None,
-    frames: Annotated[
-        Path | None,
-        typer.Option(
-            "--frames", help="Write PNG pictures and frames.csv to this folder, or to a folder a path in it of several."
-        ),
-    ] = None,
-    sheet: Annotated[
-        Path | None,
-        typer.Option("--sheet", help="Write a contact sheet (PNG) to this file, or one a path beside it."),
-    ] = None,
-    alpha: Annotated[
-        bool, typer.Option("--alpha", help="Keep the coverage as an alpha channel of the PNG pictures.")
-    ] = False,
-    background: Annotated[
-        str,
-        typer.Option(
-            "--background",
-            help=(
-                "What videos and pictures stand on: none (black), plate (what the camera itself filmed behind the"
-                " subject), '#RRGGBB', or a picture file."
-            ),
-        ),
-    ] = "none",
-    splats: Annotated[
-        Path | None,
-        typer.Option("--splats", help="Write the Gaussians of every frame to this folder, one 3DGS PLY each."),
-    ] = None,
-    page: Annotated[
-        Path | None,
-        typer.Option("--page", help="Write one HTML file that plays the Gaussians in any browser, without a server."),
-    ] = None,
-    page_gaussians: Annotated[
-        int | None,
-        typer.Option(
-            "--page-gaussians",
-            help="Gaussians a frame of --page, about, at most: pixels are merged 2 x 2, 3 x 3, ... Default: all.",
-            min=1000,
-        ),
-    ] = None,
-    splats_as: Annotated[
-        str,
-        typer.Option(
-            "--splats-as",
-            help="How --splats names and writes files: ply (000012.ply), spz (000012.spz, a quarter to a sixth of the"
-            " bytes), or sequence (frame0001.ply, which SuperSplat plays).",
-        ),
-    ] = "ply",
-    view: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--view", help="Source view whose Gaussians --splats and --page write (may be repeated). Default: all."
-        ),
-    ] = None,
-    to: Annotated[
-        str | None,
-        typer.Option(
-            "--to",
-            help=(
-                "Write undistorted pictures, masks, cameras and a cloud for other tools, in the layout"
-                f" {' or '.join(LAYOUTS)}."
-            ),
-        ),
-    ] = None,
-    output: Annotated[Path | None, typer.Option("--output", help="Folder for --to; default: SEQUENCE-LAYOUT.")] = None,
-    frame: Annotated[
-        int | None, typer.Option("--frame", help="Source frame number of the one instant of --to. Default: all.")
-    ] = None,
-    budget: Annotated[
-        float | None,
-        typer.Option(
-            "--budget",
-            help="Merge the Gaussians of --splats, and of the cloud of --to, to no more than this share of a frame's"
-            " (up to 1) or this number. Default: all of them.",
-        ),
-    ] = None,
+    path: PathOption = None,
+    video: VideoOption = None,
+    frames: FramesOption = None,
+    sheet: SheetOption = None,
+    alpha: AlphaOption = False,
+    background: BackgroundOption = "none",
+    splats: SplatsOption = None,
+    page: PageOption = None,
+    page_gaussians: PageGaussiansOption = None,
+    splats_as: SplatsAsOption = "ply",
+    view: ViewOption = None,
+    to: LayoutOption = None,
+    output: OutputOption = None,
+    frame: FrameOption = None,
+    budget: BudgetOption = None,
     archive: ArchiveOption = None,
     config: ConfigOption = None,
     assignments: SetOption = None,
@@ -131,25 +147,25 @@ def export(
     Example: posegaussian export balance --path "arc cam01 cam02" --video out.mp4
     """
     from posegaussian.dags.diagnostics.other_settings import made_otherwise
+    from posegaussian.dags.export.background import parse
     from posegaussian.dags.export.request import ExportOrder
 
-    folder = output or (Path(f"{sequence}-{to}") if to else None)
-    order = ExportOrder.of(
-        video,
-        frames,
-        sheet,
-        splats,
-        tuple(view or ()),
-        alpha,
-        background,
-        splats_as,
-        to,
-        folder,
-        frame,
-        page,
-        path,
-        page_gaussians,
-        budget,
+    order = ExportOrder(
+        video=video,
+        frames=frames,
+        sheet=sheet,
+        splats=splats,
+        views=tuple(view or ()),
+        alpha=alpha,
+        backdrop=parse(background),
+        splats_as=splats_as,
+        layout=to,
+        folder=output or (Path(f"{sequence}-{to}") if to else None),
+        frame=frame,
+        page=page,
+        path=path,
+        page_gaussians=page_gaussians,
+        budget=budget,
     )
     asked = open_session(config, assignments, archive, scheduler)
     unrendered = [] if order.renders else ["rendering.paths=[]"]

@@ -45,6 +45,12 @@ class Backdrop:
     cache: dict[tuple[object, ...], np.ndarray] = field(default_factory=dict, repr=False, compare=False)
     """Backgrounds made so far: a camera that stands still has one."""
 
+    def __str__(self) -> str:
+        """As the command takes it."""
+        if self.kind == "color":
+            return "#{:02x}{:02x}{:02x}".format(*self.color)
+        return str(self.file) if self.kind == "file" else self.kind
+
     def behind(self, results: Results, path: CameraPath, frame: int, camera: int) -> np.ndarray | None:
         """[h, w, 3] uint8 sRGB behind one picture of a path, or None for black."""
         if self.kind == "none":

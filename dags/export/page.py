@@ -233,7 +233,7 @@ def page_head(
             "shifts": REFINEMENT in context.facts,
         },
         "cameras": cameras,
-        "background": "#{:02x}{:02x}{:02x}".format(*backdrop.color) if backdrop.kind == "color" else BEHIND,
+        "background": str(backdrop) if backdrop.kind == "color" else BEHIND,
         "info": _info(context, views, side, counts),
     }
 

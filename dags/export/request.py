@@ -10,7 +10,7 @@ from posegaussian.dags.export import background as backdrop
 from posegaussian.dags.export import layouts, pictures
 from posegaussian.dags.export import page as exporting_page
 from posegaussian.dags.export import splats as exporting_splats
-from posegaussian.dags.export.background import Backdrop
+from posegaussian.dags.export.background import BLACK, Backdrop
 from posegaussian.dags.export.output_paths import output_file, output_folder
 from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.plan import Plan
@@ -20,30 +20,34 @@ from posegaussian.storage.exporters.video import check_rate
 from posegaussian.storage.model.errors import ConfigError
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ExportOrder:
-    """Files to write; None where not asked for."""
+    """Files to write; None where not asked for.
 
-    video: Path | None
+    Raises ConfigError where nothing is asked for, two wishes exclude each other, or a file cannot be what or where it
+    is named.
+    """
+
+    video: Path | None = None
     """H.264 video."""
-    frames: Path | None
+    frames: Path | None = None
     """Folder of PNG pictures."""
-    sheet: Path | None
+    sheet: Path | None = None
     """Contact sheet."""
-    splats: Path | None
+    splats: Path | None = None
     """Folder of 3DGS PLY files."""
-    views: tuple[str, ...]
+    views: tuple[str, ...] = ()
     """Source views whose Gaussians become splats or a page; empty for all."""
-    alpha: bool
+    alpha: bool = False
     """Whether pictures keep their coverage."""
-    backdrop: Backdrop
+    backdrop: Backdrop = BLACK
     """What videos and pictures stand on."""
     splats_as: str = "ply"
     """How splats are named and written: a key of `SPLAT_FILES`."""
     layout: str | None = None
     """Layout of another tool that the capture is written in."""
-    folder: Path = Path()
-    """Where that goes."""
+    folder: Path | None = None
+    """Where that goes; None for the working folder."""
     frame: int | None = None
     """Source frame number of the one instant that is written so; None for all."""
     page: Path | None = None
@@ -55,88 +59,66 @@ class ExportOrder:
     budget: float | None = None
     """Gaussians of splats and of the layout's cloud: a share of a frame's up to 1, else how many; None for all."""
 
-    @classmethod
-    def of(
-        cls,
-        video: Path | None,
-        frames: Path | None,
-        sheet: Path | None,
-        splats: Path | None,
-        views: tuple[str, ...],
-        alpha: bool,
-        background: str,
-        splats_as: str = "ply",
-        layout: str | None = None,
-        folder: Path | None = None,
-        frame: int | None = None,
-        page: Path | None = None,
-        path: str | None = None,
-        page_gaussians: int | None = None,
-        budget: float | None = None,
-    ) -> ExportOrder:
-        """From the command's options.
-
-        Raises ConfigError where nothing is asked for, two wishes exclude each other, or a file cannot be what or where
-        it is named.
-        """
-        if not (video or frames or sheet or splats or layout or page):
+    def __post_init__(self) -> None:
+        if not (self.renders or self.splats or self.layout or self.page):
             raise ConfigError(
                 "export: say what to write with --video FILE, --frames FOLDER, --sheet FILE, --splats FOLDER, --page"
                 " FILE or --to LAYOUT"
             )
-        exporting_splats.chosen_files(splats_as)
-        if layout:
-            layouts.check_layout(layout)
-            output_folder("export --output", folder or Path())
-        elif frame is not None:
-            raise ConfigError(f"export --frame {frame}: it chooses the instant of --to LAYOUT, which is not asked for")
-        elif folder is not None:
-            raise ConfigError(f"export --output {folder}: it is the folder of --to LAYOUT, which is not asked for")
-        if alpha and not frames:
-            raise ConfigError("export --alpha: it is for --frames FOLDER, which is not asked for")
-        if views and not (splats or page):
+        exporting_splats.chosen_files(self.splats_as)
+        if self.layout:
+            layouts.check_layout(self.layout)
+        self._refuse_idle_options()
+        self._refuse_backdrop()
+        self._check_places()
+
+    def _refuse_idle_options(self) -> None:
+        """Raise ConfigError for an option of something that is not asked for."""
+        idle = "which is not asked for"
+        if self.path is not None and not (self.renders or self.page):
             raise ConfigError(
-                f"export --view {' '.join(views)}: it is for --splats FOLDER and --page FILE, which are not asked for"
+                f"export --path {self.path}: it is the way of --video, --frames, --sheet and --page, none of which is"
+                " asked for"
             )
-        if budget is not None:
-            exporting_splats.check_budget(budget, bool(splats or layout))
-        if page_gaussians is not None and page is None:
+        if self.frame is not None and not self.layout:
+            raise ConfigError(f"export --frame {self.frame}: it chooses the instant of --to LAYOUT, {idle}")
+        if self.folder is not None and not self.layout:
+            raise ConfigError(f"export --output {self.folder}: it is the folder of --to LAYOUT, {idle}")
+        if self.alpha and not self.frames:
+            raise ConfigError(f"export --alpha: it is for --frames FOLDER, {idle}")
+        if self.views and not (self.splats or self.page):
             raise ConfigError(
-                f"export --page-gaussians {page_gaussians}: it is for --page FILE, which is not asked for"
+                f"export --view {' '.join(self.views)}: it is for --splats FOLDER and --page FILE, which are not asked"
+                " for"
             )
-        behind = backdrop.parse(background)
-        if behind.kind != "none" and not (video or frames or (page and behind.kind == "color")):
+        if self.page_gaussians is not None and self.page is None:
+            raise ConfigError(f"export --page-gaussians {self.page_gaussians}: it is for --page FILE, {idle}")
+        if self.budget is not None:
+            exporting_splats.check_budget(self.budget, bool(self.splats or self.layout))
+
+    def _refuse_backdrop(self) -> None:
+        """Raise ConfigError for a backdrop that nothing could stand on."""
+        if self.backdrop.kind == "none":
+            return
+        if not (self.video or self.frames or (self.page and self.backdrop.kind == "color")):
             raise ConfigError(
-                f"export --background {background}: contact sheets and splats have none, and a page has a colour;"
+                f"export --background {self.backdrop}: contact sheets and splats have none, and a page has a colour;"
                 " write --video FILE or --frames FOLDER"
             )
-        if behind.kind != "none" and alpha:
+        if self.alpha:
             raise ConfigError(
-                f"export --background {background}: pictures with --alpha stay transparent; leave one of the two out"
+                f"export --background {self.backdrop}: pictures with --alpha stay transparent; leave one of the two out"
             )
-        for option, file, ending in (("--video", video, ".mp4"), ("--sheet", sheet, ".png"), ("--page", page, ".html")):
+
+    def _check_places(self) -> None:
+        """Raise ConfigError where a file or folder cannot be what or where it is named."""
+        files = (("--video", self.video, ".mp4"), ("--sheet", self.sheet, ".png"), ("--page", self.page, ".html"))
+        for option, file, ending in files:
             if file is not None:
                 output_file(f"export {option}", file, (ending,))
-        for option, place in (("--frames", frames), ("--splats", splats)):
+        for option, place in (("--frames", self.frames), ("--splats", self.splats), ("--output", self.folder)):
             if place is not None:
                 output_folder(f"export {option}", place)
-        return cls(
-            video,
-            frames,
-            sheet,
-            splats,
-            views,
-            alpha,
-            behind,
-            splats_as,
-            layout,
-            folder or Path(),
-            frame,
-            page,
-            path,
-            page_gaussians,
-            budget,
-        )
 
     @property
     def renders(self) -> bool:
@@ -166,7 +148,7 @@ class ExportOrder:
         if self.page:
             exporting_page.check(context, self.views, self.path)
         if self.layout:
-            layouts.check(context, self.layout, self.folder, self.frame)
+            layouts.check(context, self.layout, self.folder or Path(), self.frame)
 
     def write(self, plan: Plan) -> list[str]:
         """Write everything from a finished plan; returns sentences about the files."""
@@ -180,5 +162,6 @@ class ExportOrder:
                 Results(plan.context), self.views, self.page, self.path, self.backdrop, self.page_gaussians
             )
         if self.layout:
-            said += layouts.export_layout(Results(plan.context), self.layout, self.folder, self.frame, self.budget)
+            folder = self.folder or Path()
+            said += layouts.export_layout(Results(plan.context), self.layout, folder, self.frame, self.budget)
         return said

@@ -49,8 +49,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Pipeline:
 
 
 def order(background: str, folder: Path, **more: object) -> ExportOrder:
-    wanted = {"video": None, "frames": folder, "sheet": None, "splats": None, "views": (), "alpha": False} | more
-    return ExportOrder.of(background=background, **wanted)  # type: ignore[arg-type]
+    return ExportOrder(**{"frames": folder, "backdrop": parse(background), **more})  # type: ignore[arg-type]
 
 
 def exported(p: Pipeline, background: str, folder: Path) -> dict[str, np.ndarray]:

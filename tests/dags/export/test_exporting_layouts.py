@@ -77,8 +77,7 @@ def test_a_cloud_within_its_budget_is_not_said_to_be_merged(made: Pipeline, tmp_
 
 def test_what_cannot_be_asked_for_is_refused(made: Pipeline, tmp_path: Path) -> None:
     def order(**more: object) -> ExportOrder:
-        wanted = {"splats": None, **more}
-        return ExportOrder.of(None, None, None, views=(), alpha=False, background="none", **wanted)  # type: ignore[arg-type]
+        return ExportOrder(**more)  # type: ignore[arg-type]
 
     with pytest.raises(ConfigError, match="--to blender: unknown layout; known are colmap, nerfstudio"):
         order(layout="blender", folder=tmp_path)
@@ -98,7 +97,7 @@ def test_a_camera_that_a_layout_cannot_hold_is_refused_before_the_run(tmp_path: 
     (tmp_path / "out").mkdir()
 
     def order(layout: str) -> ExportOrder:
-        return ExportOrder.of(None, None, None, None, (), False, "none", layout=layout, folder=tmp_path / "out")
+        return ExportOrder(layout=layout, folder=tmp_path / "out")
 
     with pytest.raises(UserError, match=r"--to easymocap: camera 'left cam' cannot be a key of OpenCV's YAML"):
         order("easymocap").check(pipeline.context())

@@ -83,7 +83,7 @@ def test_a_single_path_keeps_the_names_it_was_given(several: Pipeline) -> None:
 def test_pictures_of_something_else_in_the_folder_of_a_path_are_found_before_the_run(
     several: Pipeline, tmp_path: Path
 ) -> None:
-    order = ExportOrder.of(None, tmp_path / "frames", None, None, (), False, "none")
+    order = ExportOrder(frames=tmp_path / "frames")
     order.check(several.context())
     stranger = tmp_path / "frames/held_out/cam77/000000.png"
     stranger.parent.mkdir(parents=True)

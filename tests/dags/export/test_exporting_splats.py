@@ -99,7 +99,7 @@ def test_a_budget_leaves_no_more_and_says_of_how_many(made: Pipeline, tmp_path: 
 
 def test_budgets_that_cannot_be_are_refused(tmp_path: Path) -> None:
     def order(budget: float, splats: Path | None) -> ExportOrder:
-        return ExportOrder.of(tmp_path / "a.mp4", None, None, splats, (), False, "none", budget=budget)
+        return ExportOrder(video=tmp_path / "a.mp4", splats=splats, budget=budget)
 
     assert order(0.1, tmp_path / "out").budget == 0.1
     with pytest.raises(ConfigError, match=r"--budget 1\.5: .* a share above 0 and up to 1, or a whole number"):

@@ -80,28 +80,27 @@ def test_an_export_refuses_before_it_computes(
         ("--alpha", {"alpha": True}, {"video": "a.mp4"}),
         ("--view cam00 cam01", {"views": ("cam00", "cam01")}, {"frames": "frames"}),
         ("--output there", {"folder": Path("there")}, {"sheet": "a.png"}),
+        ("--path orbit", {"path": "orbit"}, {"splats": "splats"}),
     ],
 )
 def test_an_option_of_something_that_is_not_asked_for_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option: str, given: dict[str, Any], other: dict[str, str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    nothing: dict[str, Any] = dict.fromkeys(("video", "frames", "sheet", "splats"))
-    nothing |= {"views": (), "alpha": False, "background": "none"}
-    asked = {key: Path(name) for key, name in other.items()}
-    ExportOrder.of(**{**nothing, **asked})
-    with pytest.raises(ConfigError, match=rf"export {option}: it is .* not asked for"):
-        ExportOrder.of(**{**nothing, **asked, **given})
+    asked: dict[str, Any] = {key: Path(name) for key, name in other.items()}
+    ExportOrder(**asked)
+    with pytest.raises(ConfigError, match=rf"export {option}: it is .* asked for"):
+        ExportOrder(**asked, **given)
 
 
 def test_pictures_of_something_else_are_found_before_the_run(finished: Pipeline, tmp_path: Path) -> None:
     stranger = tmp_path / "frames/cam77/000000.png"
     stranger.parent.mkdir(parents=True)
     stranger.write_bytes(b"somebody's")
-    order = ExportOrder.of(None, tmp_path / "frames", None, None, (), False, "none")
+    order = ExportOrder(frames=tmp_path / "frames")
     with pytest.raises(UserError, match=r"holds 1 picture of something else"):
         order.check(finished.context())
     (tmp_path / "splats").mkdir()
     (tmp_path / "splats/other.ply").write_bytes(b"somebody's")
     with pytest.raises(UserError, match=r"holds 1 splat file of something else"):
-        ExportOrder.of(None, None, None, tmp_path / "splats", (), False, "none").check(finished.context())
+        ExportOrder(splats=tmp_path / "splats").check(finished.context())
