@@ -51,7 +51,7 @@ class Column:
             return "-"
         if self.key[0] in COSTS:
             return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
-        return f"{value:.2f}" if self.unit == "dB" else f"{value:.4f}"
+        return f"{value:z.2f}" if self.unit == "dB" else f"{value:z.4f}"
 
 
 def columns(results: Sequence[Result]) -> list[Column]:

@@ -1,10 +1,11 @@
-"""From a finished sequence to a capture in another tool's layout: undistorted pictures, masks, cameras, and a cloud of
-the Gaussians of the first instant."""
+"""From a finished sequence to a capture in another tool's layout: undistorted pictures, masks, cameras, and where the
+layout has one a cloud of the Gaussians of the first instant."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,6 +28,20 @@ MOST_POINTS = 100_000
 """Points of a cloud, evenly taken: what an optimiser starts from needs no more."""
 
 
+class Cloud(NamedTuple):
+    """Points of the Gaussians of one instant."""
+
+    points: np.ndarray
+    """[N, 3] float64, metres."""
+    colors: np.ndarray
+    """[N, 3] uint8 sRGB."""
+    merged: str
+    """What the budget did to it, empty without one."""
+
+
+NO_CLOUD = Cloud(np.zeros((0, 3)), np.zeros((0, 3), np.uint8), "")
+
+
 def check_layout(name: str) -> None:
     """Raise ConfigError for a layout that is not known."""
     if name not in LAYOUTS:
@@ -46,15 +61,15 @@ def chosen_frames(context: Context, frame: int | None) -> list[int]:
     return [numbers.index(frame)]
 
 
-def needed(context: Context, frame: int | None) -> frozenset[Product]:
+def needed(context: Context, name: str, frame: int | None) -> frozenset[Product]:
     """What an export reads: it must be there when the run is over, whatever `keep` says."""
     frames, length = chosen_frames(context, frame), context.grid.length
     partitions = sorted({f // length for f in frames})
     filmed = {
         Product(a, p, v) for a in ("frames/color", "frames/mask") for p in partitions for v in context.active_views
     }
-    lifted = {p for p in splats.needed(context, context.views.sources) if p.partition == frames[0] // length}
-    return frozenset(filmed | lifted)
+    lifted = splats.needed(context, context.views.sources) if LAYOUTS[name].cloud else frozenset()
+    return frozenset(filmed | {p for p in lifted if p.partition == frames[0] // length})
 
 
 def check(context: Context, name: str, folder: Path, frame: int | None) -> None:
@@ -77,15 +92,18 @@ def export_layout(
     context = results.context
     frames = chosen_frames(context, frame)
     check(context, name, folder, frame)
-    recording, merged = _recording(results, frames, budget)
+    cloud = _cloud(results, frames[0], budget) if LAYOUTS[name].cloud else NO_CLOUD
+    recording = _recording(results, frames, cloud)
     check_undistorted(recording)
     LAYOUTS[name].write(folder, recording)
     count = write_pictures(folder, recording.rig, _pictures(results, frames))
     written = (
         f"{name}: {number(count, 'picture')} with masks of {number(len(recording.rig), 'camera')} in {folder}, at"
-        f" {_sizes(recording)} px (frames.size), without distortion; {number(len(recording.points), 'point')} of frame"
-        f" {int(context.source_frames[frames[0]])}" + ("" if budget is None else f", {merged}")
+        f" {_sizes(recording)} px (frames.size), without distortion"
     )
+    if LAYOUTS[name].cloud:
+        first, merged = int(context.source_frames[frames[0]]), cloud.merged and f", {cloud.merged}"
+        written += f"; {number(len(cloud.points), 'point')} of frame {first}{merged}"
     still = len(frames) > 1 and LAYOUTS[name].still
     return [
         written,
@@ -93,22 +111,20 @@ def export_layout(
     ]
 
 
-def _recording(results: Results, frames: list[int], budget: float | None) -> tuple[Recording, str]:
-    """What is written, and what the budget did to its cloud."""
+def _recording(results: Results, frames: list[int], cloud: Cloud) -> Recording:
+    """What is written."""
     context = results.context
     views = context.active_views
     has = _filmed(context, frames)
-    points, colors, merged = _cloud(results, frames[0], budget)
-    recording = Recording(
+    return Recording(
         context.rig.subset(views),
         float(context.capture.frame_rate),
         tuple(tuple(int(context.source_frames[f]) for f in frames if (f, v) in has) for v in views),
         True,
         tuple(context.rig.names[v] for v in views if v in context.asked_views.held_out),
-        points,
-        colors,
+        cloud.points,
+        cloud.colors,
     )
-    return recording, merged
 
 
 def _filmed(context: Context, frames: list[int]) -> set[tuple[int, int]]:
@@ -130,9 +146,8 @@ def _pictures(results: Results, frames: list[int]) -> Iterator[tuple[int, int, n
                 yield at, int(context.source_frames[f]), color, mask
 
 
-def _cloud(results: Results, frame: int, budget: float | None) -> tuple[np.ndarray, np.ndarray, str]:
-    """([N, 3] metres, [N, 3] uint8 sRGB) of the Gaussians of one frame within a budget, every k-th; and what the budget
-    did, empty without one."""
+def _cloud(results: Results, frame: int, budget: float | None) -> Cloud:
+    """Points of the Gaussians of one frame within a budget, every k-th."""
     found, lifted = splats.frame_splats(results, frame, results.context.views.sources, budget)
     merged = ""
     if budget is not None:
@@ -142,7 +157,7 @@ def _cloud(results: Results, frame: int, budget: float | None) -> tuple[np.ndarr
         )
     kept = slice(None, None, max(1, -(-len(found) // MOST_POINTS)))
     color = np.rint(255 * np.clip(0.5 + SH0 * found.harmonics[kept, 0], 0, 1)).astype(np.uint8)
-    return found.mean[kept].astype(np.float64), color, merged
+    return Cloud(found.mean[kept].astype(np.float64), color, merged)
 
 
 def _sizes(recording: Recording) -> str:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from posegaussian.dags.export.background import Backdrop
-from posegaussian.dags.export.pictures import frame_rate
+from posegaussian.dags.export.pictures import frame_rate, play_times
 from posegaussian.dags.export.splats import chosen_views, frame_gaussians, frame_maps
 from posegaussian.dags.export.splats import needed as needed_by_splats
 from posegaussian.dags.humanize.text import number
@@ -45,6 +45,8 @@ BEHIND = "#101418"
 """What the person stands before unless a colour was asked for."""
 LARGE = 50e6
 """Bytes above which an export says how to get a smaller page."""
+HELD = 2_000_000
+"""Gaussians of a frame that every device holds: 1024 in a row of a texture, and WebGL2 promises 2048 rows."""
 STANDING = ("held_out", "still", "file")
 """Kinds of paths whose cameras are places, not the steps of a move."""
 
@@ -90,14 +92,25 @@ def export_page(
         return page_head(context, views, path, backdrop, _middle(results, views), side, counts)
 
     size = write_page(file, context.sequence.name, _frames(results, views, side, counts), head)
-    frames = f"{number(len(counts), 'frame')} of {min(counts)} to {max(counts)} Gaussians"
+    frames = f"{number(len(counts), 'frame')} of {_span(counts, 'd')} Gaussians"
     told = [f"page: {file}, {size / 1e6:.1f} MB, {frames}; open it in any browser"]
     if size > LARGE:
         told.append(
             "fewer frames (--set frames.range=START:STOP:STRIDE), fewer Gaussians (--page-gaussians 60000) or some of"
             " the views (--view CAMERA) make a smaller page"
         )
+    if max(counts) > HELD:
+        told.append(
+            f"a frame of {max(counts)} Gaussians is more than some devices hold ({HELD}), phones above all;"
+            f" --page-gaussians {HELD} makes a page for all of them"
+        )
     return told
+
+
+def _span(counts: Sequence[int], form: str) -> str:
+    """The least and the greatest of some counts, or what all of them are."""
+    least, greatest = format(min(counts), form), format(max(counts), form)
+    return least if least == greatest else f"{least} to {greatest}"
 
 
 def _frames(
@@ -211,6 +224,7 @@ def page_head(
         "title": context.sequence.name,
         "frames": [int(n) for n in context.source_frames],
         "rate": frame_rate(context),
+        "times": _times(context, steps),
         "steps": steps,
         "views": [_coarser(_camera(context, v), side) for v in views],
         "usable": [[bool(context.valid[f, v]) for v in views] for f in range(len(context.source_frames))],
@@ -236,6 +250,12 @@ def page_head(
         "background": str(backdrop) if backdrop.kind == "color" else BEHIND,
         "info": _info(context, views, side, counts),
     }
+
+
+def _times(context: Context, steps: int) -> list[float]:
+    """Seconds from the first step on at which a page shows each: frames as a video does, else steps of one instant."""
+    single = len(context.source_frames) == 1
+    return [float(t) for t in (np.arange(steps) / frame_rate(context) if single else play_times(context))]
 
 
 SHADER_CUTOFFS = {
@@ -309,10 +329,12 @@ def _info(context: Context, views: Sequence[int], side: int, counts: Sequence[in
     numbers, settings = context.source_frames, context.settings
     sizes = sorted({tuple(int(n) for n in context.rig.size[v]) for v in views})
     effects = [name for name, verdict in context.effects.items() if verdict.state == "on"]
+    few = min(settings.rendering.sources, len(views))
+    drawn = "all make" if REFINEMENT in context.facts else "1 makes" if few == 1 else f"{few} make"
     return [
         ("Frames", f"{len(numbers)} (source {numbers[0]} to {numbers[-1]}, {context.capture.frame_rate:g} a second)"),
-        *([("Total", f"{sum(counts):,} Gaussians, {min(counts):,} to {max(counts):,} a frame")] if counts else []),
-        ("Views", f"{', '.join(context.rig.names[v] for v in views)}; {settings.rendering.sources} make a picture"),
+        *([("Total", f"{sum(counts):,} Gaussians, {_span(counts, ',d')} a frame")] if counts else []),
+        ("Views", f"{', '.join(context.rig.names[v] for v in views)}; {drawn} a picture"),
         ("Pictures", ", ".join(f"{w} × {h} px" for w, h in sizes) + f", {side} × {side} px merged" * (side > 1)),
         ("Depth", f"depth.method {settings.depth.method}, refinement of up to {settings.refinement.steps} steps"),
         ("Effects", ", ".join(effects) or "none"),

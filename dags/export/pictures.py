@@ -6,6 +6,7 @@ Of several paths each has files of its own: `out_KIND.mp4`, `frames/KIND/`, `she
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import repeat
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -54,6 +55,19 @@ def frame_rate(context: Context) -> float:
     return float(context.capture.frame_rate / np.median(np.diff(numbers))) if len(numbers) > 1 else STEP_RATE
 
 
+LONGEST_GAP = 10.0
+"""Seconds: frames that lie farther apart are played as if they did not."""
+
+
+def play_times(context: Context) -> np.ndarray:
+    """[F] seconds from the first frame on at which a video and a page show each: where frames are lacking, the one
+    before stays for as long, up to `LONGEST_GAP`."""
+    numbers = context.source_frames
+    gaps = np.diff(numbers) / context.capture.frame_rate
+    longest = max(LONGEST_GAP, 1 / frame_rate(context))
+    return np.concatenate([[0.0], np.cumsum(np.minimum(gaps, longest))])
+
+
 def _moves(path: CameraPath) -> bool:
     """Whether the cameras of a single instant are steps of one video: neither cameras of the capture nor of several
     sizes."""
@@ -63,8 +77,8 @@ def _moves(path: CameraPath) -> bool:
 def export_video(results: Results, path: CameraPath, file: Path, backdrop: Backdrop = BLACK) -> list[Path]:
     """Write H.264 video: of the path's one camera over time, of its steps for a single frame, else one file a camera.
 
-    A camera that does not serve a frame keeps showing its last picture, black before the first. Returns the files
-    written. Raises UserError when the path serves no frame.
+    A camera that does not serve a frame keeps showing its last picture, black before the first, and so do all where the
+    capture lacks frames. Returns the files written. Raises UserError when the path serves no frame.
     """
     from posegaussian.storage.exporters.video import write_video
 
@@ -87,16 +101,20 @@ def export_video(results: Results, path: CameraPath, file: Path, backdrop: Backd
 
 
 def _held(results: Results, path: CameraPath, camera: int, backdrop: Backdrop) -> Iterator[np.ndarray]:
-    """[h, w, 3] uint8 of every frame of one camera, so that its video keeps time with the sequence."""
+    """[h, w, 3] uint8 of one camera at every tick of its video, so that it keeps time with the sequence."""
     width, height = path.size[camera]
-    shown, frames = np.zeros((height, width, 3), np.uint8), 0
+    shown, begins, done = np.zeros((height, width, 3), np.uint8), ticks(results.context), 0
     for frame, _, picture, _ in pictures(results, path, backdrop, range(camera, camera + 1)):
-        while frames < frame:
-            yield shown
-            frames += 1
-        shown = picture
-    for _ in range(frames, len(path.served)):
-        yield shown
+        yield from repeat(shown, begins[frame] - done)
+        shown, done = picture, begins[frame]
+    yield from repeat(shown, begins[-1] + 1 - done)
+
+
+def ticks(context: Context) -> list[int]:
+    """Of every frame the tick of a video at which it begins: the one nearest to its time that no earlier frame has."""
+    order = np.arange(len(context.source_frames))
+    nearest = np.rint(play_times(context) * frame_rate(context)).astype(int)
+    return [int(n) for n in np.maximum.accumulate(nearest - order) + order]
 
 
 def export_frames(results: Results, path: CameraPath, folder: Path, alpha: bool, backdrop: Backdrop = BLACK) -> int:

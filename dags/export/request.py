@@ -16,6 +16,7 @@ from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.plan import Plan
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.planning.tasks import Product
+from posegaussian.storage.exporters.layouts.registry import LAYOUTS
 from posegaussian.storage.exporters.video import check_rate
 from posegaussian.storage.model.errors import ConfigError
 
@@ -94,7 +95,9 @@ class ExportOrder:
         if self.page_gaussians is not None and self.page is None:
             raise ConfigError(f"export --page-gaussians {self.page_gaussians}: it is for --page FILE, {idle}")
         if self.budget is not None:
-            exporting_splats.check_budget(self.budget, bool(self.splats or self.layout))
+            exporting_splats.check_budget(
+                self.budget, bool(self.splats or (self.layout and LAYOUTS[self.layout].cloud))
+            )
 
     def _refuse_backdrop(self) -> None:
         """Raise ConfigError for a backdrop that nothing could stand on."""
@@ -134,7 +137,7 @@ class ExportOrder:
             found |= exporting_splats.needed(context, exporting_splats.chosen_views(context, self.views))
         if self.page:
             found |= exporting_page.needed(context, exporting_splats.chosen_views(context, self.views))
-        return found | layouts.needed(context, self.frame) if self.layout else found
+        return found | layouts.needed(context, self.layout, self.frame) if self.layout else found
 
     def check(self, context: Context) -> None:
         """Raise UserError, before anything runs,

@@ -15,6 +15,7 @@ from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.results import Results
 from posegaussian.dags.planning.tasks import Product
 from posegaussian.stages.rendering.sources import COUNTS, REFINED, REFINEMENT, map_arrays, unrefined_arrays
+from posegaussian.storage.exporters.layouts.registry import LAYOUTS
 from posegaussian.storage.model.errors import ConfigError, UserError
 from posegaussian.storage.model.splats import Splats
 
@@ -64,7 +65,8 @@ def check_budget(budget: float, asked: bool) -> None:
     if not asked:
         raise ConfigError(
             f"export --budget {budget:g}: it is one of Gaussians, and none are written; add --splats FOLDER or"
-            " --to LAYOUT"
+            " --to LAYOUT,"
+            f" one with a cloud ({', '.join(name for name, layout in LAYOUTS.items() if layout.cloud)})"
         )
 
 

@@ -28,12 +28,19 @@ def next_command(*words: str, lead: str = "next") -> str:
 
 
 def gigabytes(count: float) -> str:
-    """Bytes for people."""
-    return f"{count / 1e9:.2f} GB" if abs(count) >= 1e8 else f"{count / 1e6:.1f} MB"
+    """Bytes for people, in kB to TB."""
+    if 0 < abs(count) < 1e5:
+        return f"{count / 1e3:.1f} kB"
+    if abs(count) < 1e8:
+        return f"{count / 1e6:.1f} MB"
+    return f"{count / 1e9:.2f} GB" if abs(count) < 1e12 else f"{count / 1e12:.2f} TB"
 
 
 def seconds_text(seconds: float) -> str:
     """Seconds of work for people."""
-    if seconds < 90:
+    if round(seconds, 1) < 90:
         return f"{seconds:.1f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+    minutes = seconds / 60
+    if round(minutes, 0) < 90:
+        return f"{minutes:.1f} min" if round(minutes, 1) < 10 else f"{minutes:.0f} min"
+    return f"{minutes / 60:.1f} h"

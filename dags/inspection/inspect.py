@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from posegaussian.dags.humanize.listing import listing
 from posegaussian.dags.inspection.judged import left_out_views
 from posegaussian.dags.inspection.portraits import portraits, who_is_who
 from posegaussian.dags.planning.context import Context
@@ -167,7 +167,7 @@ def run_inspection(context: Context, console: Console, output: Path | None = Non
     people = portraits(footage)
     seen = list(zip(people, write_portraits(footage, people, folder), strict=True))
     page = write_page(name, footage, report, pictures, folder / "index.html", seen)
-    console.print(table(name, report))
+    console.print(table(name, report, console.width))
     for line in (*report.outlook, *who_is_who(people, report.findings), *spoken(report)):
         console.print(line, markup=False, soft_wrap=True)
     console.print(f"{name}: {report.sentence}", style=STYLE[report.verdict], markup=False, soft_wrap=True)
@@ -175,20 +175,20 @@ def run_inspection(context: Context, console: Console, output: Path | None = Non
     return 1 if report.verdict is FindingVerdict.BAD else 0
 
 
-def table(name: str, report: Report) -> Table:
-    """One row a finding, without its sentence; those that are good or only noted stand together, see `rows`."""
-    out = Table(title=f"{name}: is the capture usable?", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for column in ("measure", "of", "number", "verdict", "bounds"):
-        out.add_column(column, overflow="fold", no_wrap=column == "verdict")
-    for f, more in rows(report.findings):
-        out.add_row(
+def table(name: str, report: Report, width: int) -> Table:
+    """One row a finding, without its sentence; those that are good or only noted stand together, see `rows`. `width`:
+    columns of the terminal."""
+    told = [
+        (
             f.measure,
             escape(f.about) + (f" and {more} more" if more else ""),
             f.number,
             f"[{STYLE[f.verdict]}]{f.verdict}[/]",
             f.bounds,
         )
-    return out
+        for f, more in rows(report.findings)
+    ]
+    return listing(("measure", "of", "number", "verdict", "bounds"), told, width, f"{name}: is the capture usable?")
 
 
 def rows(findings: Sequence[Finding]) -> Iterator[tuple[Finding, int]]:

@@ -34,10 +34,10 @@ from functools import partial as given
 from pathlib import Path
 from typing import TypeVar
 
-from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
+from posegaussian.dags.humanize.listing import listing
 from posegaussian.dags.humanize.text import gigabytes, number
 from posegaussian.dags.maintenance.reshard import leftovers
 from posegaussian.dags.planning.plan import Plan
@@ -386,7 +386,7 @@ def collect(session: Session, globs: Sequence[str], kinds: Sequence[str], delete
     plans, failed = session.usable(names, (), Selection())
     found = [i for i in items(plans, session.archive, names if globs else None) if not kinds or i.kind in kinds]
     if found:
-        session.console.print(table(found))
+        session.console.print(table(found, session.console.width))
     session.say([*notes(plans), *failed], "yellow")
     total = gigabytes(sum(i.bytes for i in found))
     if not found:
@@ -398,17 +398,8 @@ def collect(session: Session, globs: Sequence[str], kinds: Sequence[str], delete
     return (1 if failed else 0), bool(found)
 
 
-def table(found: Sequence[Deletable]) -> Table:
-    """One row an item, the largest first within its kind."""
-    shown = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for column, justify in (
-        ("kind", "left"),
-        ("sequence", "left"),
-        ("what", "left"),
-        ("bytes", "right"),
-        ("made again by", "left"),
-    ):
-        shown.add_column(column, justify=justify, overflow="fold")  # type: ignore[arg-type]
-    for i in sorted(found, key=lambda i: (KINDS.index(i.kind), i.sequence, -i.bytes)):
-        shown.add_row(i.kind, i.sequence, escape(i.what), gigabytes(i.bytes), escape(i.again))
-    return shown
+def table(found: Sequence[Deletable], width: int) -> Table:
+    """One row an item, the largest first within its kind. `width`: columns of the terminal."""
+    ordered = sorted(found, key=lambda i: (KINDS.index(i.kind), i.sequence, -i.bytes))
+    told = [(i.kind, escape(i.sequence), escape(i.what), gigabytes(i.bytes), escape(i.again)) for i in ordered]
+    return listing(("kind", "sequence", "what", "bytes", "made again by"), told, width, whole=("bytes",))

@@ -28,7 +28,7 @@ from posegaussian.dags.session.session import Session
 from posegaussian.storage.archive.store import SequenceGroup
 from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.errors import ArchiveError, UserError
-from posegaussian.storage.model.spec import ArraySpec
+from posegaussian.storage.model.spec import ArraySpec, TableSpec
 
 if TYPE_CHECKING:
     import xarray
@@ -98,6 +98,10 @@ class OpenArchive:
         """One sequence. Raises ArchiveError with the names there are."""
         self.session.archive.sequence(name)
         return OpenSequence(self.session, name)
+
+    def __contains__(self, sequence: object) -> bool:
+        """Whether a sequence, or one of this name, is there."""
+        return sequence in self.names() if isinstance(sequence, str) else any(sequence == own for own in self)
 
     def __iter__(self) -> Iterator[OpenSequence]:
         """The sequences, by name."""
@@ -182,7 +186,8 @@ class OpenSequence:
         Raises:
             NoSuchFrames: for frames that `frames.range` leaves out, or that do not follow one another.
             ShardMissing: where a frame was not computed, or was dropped to save space.
-            ArchiveError: for an array that nobody made, and for a camera that is not there.
+            ArchiveError: for an array that nobody made, for a camera that is not there, and for a view of an array
+                without a view axis.
         """
         spec = _made_over_time(array)
         if spec is None:
@@ -193,6 +198,9 @@ class OpenSequence:
         context = self.context
         results, span = Results(context), _span(context, frames)
         if not spec.per_view:
+            if view is not None:
+                axes = ", ".join(spec.dims)
+                raise ArchiveError(f"{array} has no view axis (its axes: {axes}), got view={view!r}; leave view out")
             values = results.read(array, span, None)
         elif view is not None:
             values = results.read(array, span, self._index(view))
@@ -201,8 +209,31 @@ class OpenSequence:
         return values[0] if isinstance(frames, int | np.integer) else values
 
     def table(self, name: str, path: str) -> list[dict[str, Any]]:
-        """The rows of a table, such as `table("metrics/{path}", "held_out-...")`: one dict a row."""
-        return Results(self.context).table(name, path)
+        """The rows of a table, such as `table("metrics/{path}", "held_out")`: one dict a row.
+
+        Args:
+            name: of the table, as its stage declares it.
+            path: name of a camera path in the archive; or its kind, or the text that asked for it, where one alone is
+                meant.
+
+        Raises:
+            ArchiveError: for a table that no stage writes, and a path that it was not made of.
+        """
+        context = self.context
+        results = Results(context)
+        tables = [table for table, (_, spec) in PRODUCERS.items() if isinstance(spec, TableSpec)]
+        if name not in tables:
+            raise ArchiveError(f"no stage writes a table {name!r}; there is {', '.join(tables)}")
+        made = results.paths_of(name)
+        texts = {made_path.name: made_path.text for made_path in context.paths.values()}
+        meant = [path] if path in made else [m for m in made if path in (m.rpartition("-")[0], texts.get(m))]
+        if len(meant) != 1:
+            told = ", ".join(made)
+            raise ArchiveError(
+                f"sequence {self.name} has {'several' if meant else 'no'} {name} of camera path {path!r}; it has"
+                f" {f'those of {told}' if told else 'none yet: run first'}"
+            )
+        return results.table(name, meant[0])
 
     def dataset(self, group: str) -> xarray.Dataset:
         """A group such as `frames` as an xarray Dataset: every array by name, read when it is asked for.
@@ -224,16 +255,17 @@ class OpenSequence:
     def gaussians(self, frame: int, views: Sequence[str | int] | str | int | None = None) -> Gaussians:
         """The Gaussians of one frame, N of them in world axes, metres: of the source views, of some, or of one.
 
-        Raises NoSuchFrames for a frame that `frames.range` leaves out, ShardMissing where it was not computed.
+        Raises NoSuchFrames for anything but the index of a frame that `frames.range` has, ArchiveError for cameras that
+        are no source views, ShardMissing where the frame was not computed.
         """
         import torch
 
         from posegaussian.dags.export.splats import frame_gaussians
 
         context = self.context
-        named = (views,) if isinstance(views, str | int | np.integer) else views
-        chosen = context.views.sources if named is None else tuple(self._index(v) for v in named)
-        return frame_gaussians(Results(context), _span(context, frame).start, chosen, torch.float32)
+        if not isinstance(frame, int | np.integer):
+            raise _no_such(context, "Gaussians are those of one frame, by its index", frame)
+        return frame_gaussians(Results(context), _span(context, frame).start, self._sources(views), torch.float32)
 
     def plan(
         self,
@@ -274,6 +306,21 @@ class OpenSequence:
         if outcome.collector.failures:
             failed = "\n".join(f"{f.task.label()}: {f.error.strip()}" for f in outcome.collector.failures)
             raise UserError(f"{number(len(outcome.collector.failures), 'task')} failed:\n{failed}")
+
+    def _sources(self, views: Sequence[str | int] | str | int | None) -> tuple[int, ...]:
+        """Source views that are named, each once, all where none is. Raises ArchiveError for others, and for none."""
+        sources = self.context.views.sources
+        if views is None:
+            return sources
+        named = (views,) if isinstance(views, str | int | np.integer) else views
+        chosen = tuple(dict.fromkeys(self._index(v) for v in named))
+        others = [self.views[v] for v in chosen if v not in sources]
+        if others or not chosen:
+            raise ArchiveError(
+                f"sequence {self.name} has Gaussians of its source views {', '.join(self.views[v] for v in sources)},"
+                f" got {', '.join(others) or 'no view'}; leave views out for all of them"
+            )
+        return chosen
 
     def _index(self, view: str | int) -> int:
         return camera_index(self.views, view, f"sequence {self.name}")

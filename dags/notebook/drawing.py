@@ -35,7 +35,13 @@ def draw(
 
     Raises ValueError for what cannot be drawn; it names the argument, its value and what to do.
     """
+    behind = np.asarray(background, float)
+    if behind.shape != (3,) or not ((behind >= 0) & (behind <= 1)).all():
+        raise ValueError(
+            f"background {background!r}: it must be three numbers within 0..1, red, green and blue as sRGB; divide"
+            " bytes by 255"
+        )
     result = rasterize(gaussians, [camera], drawing=drawing)
     color, alpha = result.color[0].detach().cpu().numpy(), result.alpha[0].detach().cpu().numpy()
-    over = color + (1 - alpha[..., None]) * np.asarray(background, color.dtype)
+    over = color + (1 - alpha[..., None]) * behind.astype(color.dtype)
     return np.rint(np.clip(over, 0, 1) * 255).astype(np.uint8)

@@ -41,6 +41,12 @@ class Results:
         """Views of which any partition of an array is finished, ascending."""
         return sorted({view for _, view in self._outputs.get(array, {}) if view is not None})
 
+    def paths_of(self, template: str) -> list[str]:
+        """Names of the camera paths of which an array or a table, such as `metrics/{path}`, is finished, sorted."""
+        before, after = template.split("{path}")
+        made = (a for a in self._outputs if a.startswith(before) and a.endswith(after))
+        return sorted(a.removeprefix(before).removesuffix(after) for a in made)
+
     def read(
         self,
         array: str,

@@ -27,21 +27,30 @@ def plot(title: str, curves: Mapping[str, Sequence[tuple[float, float]]]) -> str
         _curve(name, [_at(p, (x0, x1), (y0, y1)) for p in points], COLORS[i % len(COLORS)])
         for i, (name, points) in enumerate(finite.items())
     )
-    right, floor = WIDTH - 8, HEIGHT - BOTTOM
-    axes = (
-        f'<path d="M{LEFT} {TOP}V{floor}H{right}" fill="none" stroke="#9aa2ac"/>'
-        f'<text x="{LEFT - 5}" y="{TOP + 9}" text-anchor="end">{y1:.3g}</text>'
-        f'<text x="{LEFT - 5}" y="{floor}" text-anchor="end">{y0:.3g}</text>'
-        f'<text x="{LEFT}" y="{HEIGHT - 5}">frame {x0:g}</text>'
-        f'<text x="{right}" y="{HEIGHT - 5}" text-anchor="end">{x1:g}</text>'
-    )
     key = "".join(
         f'<span style="color:{COLORS[i % len(COLORS)]}">{escape(name)}</span> ' for i, name in enumerate(finite)
     )
     return (
         f'<figure class="plot"><figcaption><b>{escape(title)}</b> {key}</figcaption>'
-        f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(title, quote=True)}">{axes}{drawn}</svg>'
-        "</figure>"
+        f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(title, quote=True)}">'
+        f"{_axes((x0, x1), (y0, y1))}{drawn}</svg></figure>"
+    )
+
+
+def _axes(across: tuple[float, float], up: tuple[float, float]) -> str:
+    """The two lines and what stands at their ends; a value alone stands where `_at` has it, once."""
+    (x0, x1), (y0, y1), right, floor = across, up, WIDTH - 8, HEIGHT - BOTTOM
+    values = [(TOP + 9, y1), (floor, y0)] if y1 > y0 else [((TOP + floor) // 2 + 4, y0)]
+    first, last = f"frame {x0:g}", f'<text x="{right}" y="{HEIGHT - 5}" text-anchor="end">{x1:g}</text>'
+    frames = (
+        f'<text x="{LEFT}" y="{HEIGHT - 5}">{first}</text>{last}'
+        if x1 > x0
+        else f'<text x="{(LEFT + right) // 2}" y="{HEIGHT - 5}" text-anchor="middle">{first}</text>'
+    )
+    return (
+        f'<path d="M{LEFT} {TOP}V{floor}H{right}" fill="none" stroke="#9aa2ac"/>'
+        + "".join(f'<text x="{LEFT - 5}" y="{y}" text-anchor="end">{value:.3g}</text>' for y, value in values)
+        + frames
     )
 
 

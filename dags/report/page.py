@@ -55,7 +55,8 @@ POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 def page(title: str, told: Sequence[Account], versions: dict[str, str]) -> str:
     """The page's text: all sequences at a glance, then each with what became of it."""
     counted = Counter(a.state for a in told)
-    states = ", ".join(f"{counted[s]} {s}" for s in COLORS if counted[s])
+    said = {"warnings": "with warnings"}
+    states = ", ".join(f"{counted[s]} {said.get(s, s)}" for s in COLORS if counted[s])
     parts = [
         '<!doctype html><html lang="en"><head><meta charset="utf-8">',
         f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">',

@@ -61,5 +61,9 @@ def quaternion(rotation: np.ndarray) -> np.ndarray:
 
 
 LAYOUT = Layout(
-    "colmap", "images, masks and sparse/0 in binary, for gsplat, brush, OpenSplat and COLMAP itself.", write, still=True
+    "colmap",
+    "images, masks and sparse/0 in binary, for gsplat, brush, OpenSplat and COLMAP itself.",
+    write,
+    cloud=True,
+    still=True,
 )

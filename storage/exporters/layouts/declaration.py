@@ -33,7 +33,7 @@ class Recording:
     held_out: tuple[str, ...]
     """Cameras that only metrics look at."""
     points: np.ndarray
-    """[N, 3] float64, metres."""
+    """[N, 3] float64, metres; none for a layout without a cloud."""
     colors: np.ndarray
     """[N, 3] uint8 sRGB."""
 
@@ -61,6 +61,8 @@ class Layout:
     """One sentence for the help."""
     write: Callable[[Path, Recording], None]
     """Writes cameras and cloud beside the pictures. Raises UserError for what the layout cannot hold."""
+    cloud: bool = False
+    """Whether it holds a cloud of points."""
     still: bool = False
     """Whether most tools that read it take a scene to stand still."""
     check: Callable[[Rig], None] = any_cameras

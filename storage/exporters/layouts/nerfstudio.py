@@ -81,5 +81,9 @@ def cloud(points: np.ndarray, colors: np.ndarray) -> bytes:
 
 
 LAYOUT = Layout(
-    "nerfstudio", "images, masks, transforms.json and points.ply, for nerfstudio and its relatives.", write, still=True
+    "nerfstudio",
+    "images, masks, transforms.json and points.ply, for nerfstudio and its relatives.",
+    write,
+    cloud=True,
+    still=True,
 )

@@ -28,12 +28,20 @@ function turned(vector, axis, angle) {
   return plus(plus(vector.map((n) => n * c), cross(axis, vector), s), axis, along);
 }
 
-// The camera swung about a point: `yaw` about `up`, then `pitch` about its own right; never over the top.
+// What lies level to the right of someone upright who looks where the camera looks, as a unit vector; the camera's own
+// right where it looks straight up or down.
+function levelOf(pose, up) {
+  const level = cross(axisOf(pose, 2), up), length = Math.hypot(...level);
+  return length > 1e-6 ? level.map((n) => n / length) : axisOf(pose, 0);
+}
+
+// The camera swung about a point: `yaw` about `up`, then `pitch` about what is level; never over the top, and one that
+// is beyond stays there.
 function orbited(camera, target, up, yaw, pitch) {
   const axes = [0, 1, 2].map((row) => axisOf(camera.pose, row));
   const height = Math.asin(Math.max(-1, Math.min(1, dot(axes[2], up))));
-  const tilt = Math.max(-1.5, Math.min(1.5, height + pitch)) - height;
-  const right = turned(axes[0], up, yaw);
+  const tilt = Math.max(Math.min(-1.5, height), Math.min(Math.max(1.5, height), height + pitch)) - height;
+  const right = turned(levelOf(camera.pose, up), up, yaw);
   const swung = (vector) => turned(turned(vector, up, yaw), right, tilt);
   const centre = plus(target, swung(minus(centreOf(camera.pose), target)));
   return { ...camera, pose: poseAt(axes.map(swung), centre) };

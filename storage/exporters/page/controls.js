@@ -133,7 +133,7 @@ class Controls {
   }
 
   update() {
-    const { player, head } = this, seconds = (player.step / head.rate).toFixed(2);
+    const { player, head } = this, seconds = head.times[player.step].toFixed(2);
     element("play").textContent = player.playing ? "❚❚" : "▶";
     element("scrub").value = player.step;
     const shown = player.frame < 0 ? "no frame yet" : `frame ${head.frames[player.frame]}`;

@@ -45,10 +45,12 @@ class Movement {
     this.zoom(Math.exp(event.deltaY * (event.deltaMode ? 20 : 1) * WHEEL));
   }
 
-  // Radians by which the subject turns to the right and tips towards the viewer.
+  // Radians by which the subject turns to the right and tips towards the viewer, as the picture is held: of a camera that
+  // lies on its side a way across the picture is a way up the subject.
   turn(right, down) {
-    const { player } = this;
-    player.move(orbited(player.camera, player.target, player.head.up, -right, -down));
+    const { player } = this, { pose } = player.camera, { up } = player.head, level = levelOf(pose, up);
+    const c = dot(level, axisOf(pose, 0)), s = dot(level, axisOf(pose, 1));
+    player.move(orbited(player.camera, player.target, up, -(right * c + down * s), right * s - down * c));
   }
 
   zoom(factor) {

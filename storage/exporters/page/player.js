@@ -68,7 +68,7 @@ class Player {
 
   seek(step) {
     this.step = ((step % this.head.steps) + this.head.steps) % this.head.steps;
-    this.clock = this.step;
+    this.clock = this.head.times[this.step];
     if (!this.free) this.camera = this.standing();
     this.look();
   }
@@ -101,9 +101,11 @@ class Player {
     const past = Math.min(now - (this.now ?? now), 250) / 1000;
     this.now = now;
     if (this.playing) {
-      this.clock = (this.clock + past * this.head.rate * this.speed) % this.head.steps;
-      if (Math.floor(this.clock) !== this.step && !this.busy) {
-        this.step = Math.floor(this.clock);
+      const { times, rate } = this.head;  // seconds; a step is shown until the next one's time, the last a usual while
+      this.clock = (this.clock + past * this.speed) % (times.at(-1) + 1 / rate);
+      const step = times.findLastIndex((time) => time <= this.clock);
+      if (step !== this.step && !this.busy) {
+        this.step = step;
         if (!this.free) this.camera = this.standing();
         this.look();
       }
@@ -123,7 +125,7 @@ class Player {
     try {
       const ahead = this.playing && this.sequence.there[next] ? next : undefined;
       const { count, order, total, data } = await this.sequence.order(frame, pose, drawn, texels, ahead);
-      if (data) renderer.keep(frame, data);
+      if (data) renderer.keep(frame, data, count);
       renderer.sort(order, total);
       this.count = count;
       this.shown = frame;

@@ -49,9 +49,14 @@ class Renderer {
     this.textures.delete(frame);
   }
 
-  // Takes a frame's texels; the frames that were drawn longest ago make room.
-  keep(frame, data) {
-    const { gl } = this;
+  // Takes a frame's texels, of `count` Gaussians; the frames that were drawn longest ago make room. Throws Error for
+  // more than a texture has rows for, of which nothing would be drawn.
+  keep(frame, data, count) {
+    const { gl } = this, most = (TEXELS / 2) * gl.getParameter(gl.MAX_TEXTURE_SIZE);
+    if (count > most) {
+      const told = `a frame has ${count} Gaussians, this device holds ${most}`;
+      throw new Error(`${told}; export with --page-gaussians ${Math.floor(0.9 * most)}.`);  // which is kept to, about
+    }
     let held = data.byteLength;
     for (const t of this.textures.values()) held += t.bytes;
     for (const [old, t] of this.textures) {

@@ -66,8 +66,32 @@ def test_one_instant_and_its_cloud(made: Pipeline, tmp_path: Path) -> None:
     seen = (points["at"] @ pose[:3, :3].T + pose[:3, 3]) @ k.T
     column, row = np.floor(seen[:, :2] / seen[:, 2:]).astype(int).T
     assert (results.read("frames/mask", range(1, 2), view)[0][row, column] > 0).mean() > 0.9
-    assert {p.partition for p in needed(context, 2)} == {0}
-    assert {p.view for p in needed(context, 2)} == set(context.active_views)
+    assert {p.partition for p in needed(context, "colmap", 2)} == {0}
+    assert {p.view for p in needed(context, "colmap", 2)} == set(context.active_views)
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_a_cloud_is_made_and_told_where_the_layout_has_one(made: Pipeline, tmp_path: Path, name: str) -> None:
+    """Without one no Gaussian is read, no point is told, and a budget says nothing."""
+    context, cloud = made.context(), name in ("colmap", "nerfstudio")
+    results = Results(context)
+    read: list[str] = []
+    own = results.read
+    results.read = lambda array, *rest, **more: (read.append(array), own(array, *rest, **more))[1]  # type: ignore[method-assign]
+    (said, *_) = export_layout(results, name, tmp_path, None)
+    assert ("points of frame 1" in said) == cloud
+    lifted = {product.array for product in needed(context, name, None)} - {"frames/color", "frames/mask"}
+    assert bool(lifted) == cloud
+    assert (set(read) <= {"frames/color", "frames/mask"}) != cloud
+    orders = {"layout": name, "folder": tmp_path, "budget": 0.1}
+    if cloud:
+        assert ExportOrder(**orders).budget == 0.1  # type: ignore[arg-type]
+        return
+    with pytest.raises(
+        ConfigError, match=r"add --splats FOLDER or --to LAYOUT, one with a cloud \(colmap, nerfstudio\)"
+    ):
+        ExportOrder(**orders)  # type: ignore[arg-type]
+    assert ExportOrder(**orders, splats=tmp_path).budget == 0.1, "it is one of the splats"  # type: ignore[arg-type]
 
 
 def test_a_cloud_within_its_budget_is_not_said_to_be_merged(made: Pipeline, tmp_path: Path) -> None:

@@ -82,3 +82,29 @@ def test_more_views_than_a_shader_holds_are_refused(made: Pipeline, monkeypatch:
         page.check(made.context(), (), "orbit")
     with pytest.raises(UserError, match="none of"):
         page.check(made.context(), ("cam00",), "spiral")
+
+
+def test_what_a_page_holds_is_told(made: Pipeline, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A single count is no range, and more than some devices hold is said with what to do."""
+    results = Results(made.with_settings("frames.range=1:2").context())
+    (said,) = page.export_page(results, (), tmp_path / "a.html", "orbit", parse("none"))
+    (count,) = re.findall(r"1 frame of (\d+) Gaussians;", said)
+    monkeypatch.setattr(page, "HELD", int(count) - 1)
+    (_, hint) = page.export_page(results, (), tmp_path / "a.html", "orbit", parse("none"))
+    assert f"a frame of {count} Gaussians is more than some devices hold" in hint
+    assert f"--page-gaussians {int(count) - 1}" in hint
+    monkeypatch.setattr(page, "HELD", int(count))
+    assert len(page.export_page(results, (), tmp_path / "a.html", "orbit", parse("none"))) == 1
+
+
+def test_how_many_views_make_a_picture(made: Pipeline) -> None:
+    """No more than there are; and all of them of a refined sequence, whose Gaussians are the same from all sides."""
+
+    def views(*names: int, settings: str = "rendering.sources=2") -> str:
+        info = page.page_head(made.with_settings(settings).context(), names, None, parse("none"))["info"]
+        return dict(info)["Views"]
+
+    assert views(0, 1, 2).endswith("; 2 make a picture")
+    assert views(0).endswith("; 1 makes a picture")
+    assert views(0, 1, settings="rendering.sources=8").endswith("; 2 make a picture")
+    assert views(0, 1, 2, settings="refinement.steps=5").endswith("; all make a picture")

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
 from posegaussian.dags.export.background import BLACK
 from posegaussian.dags.export.page import page_head
-from posegaussian.dags.export.pictures import export_video, own_names, pictures, write_exports
+from posegaussian.dags.export.pictures import export_video, own_names, pictures, play_times, ticks, write_exports
 from posegaussian.dags.export.request import ExportOrder
+from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.results import Results
 from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.errors import UserError
@@ -104,6 +108,57 @@ def test_the_video_of_a_camera_that_serves_some_frames_is_as_long_as_the_sequenc
     assert shown[0].max() <= 3, "black before the first picture"
     for picture in shown[1:]:
         assert np.abs(picture.astype(int) - served).mean() < 10, "the last picture stays"
+
+
+def test_frames_that_all_cameras_lack_take_their_time_in_videos_and_pages(tmp_path: Path) -> None:
+    """At 30 a second without the frames 3 and 4: frame 5 is shown at 5/30 s, as frames.csv says."""
+    film(tmp_path / "capture", views=3, size=SIZE, frames=7)
+    for picture in (tmp_path / "capture").glob("*/*/00000[34].*"):
+        picture.unlink()
+    p = Pipeline(tmp_path / "archive", tmp_path / "capture", ["depth.method=truth", "rendering.paths=[still cam00]"])
+    p.register()
+    p.run()
+    results = Results(p.context())
+    assert results.context.source_frames.tolist() == [0, 1, 2, 5, 6]
+    (path,) = results.context.paths.values()
+    rendered = [picture for *_, picture, _ in pictures(results, path, BLACK)]
+    (file,) = export_video(results, path, tmp_path / "out.mp4")
+    shown = list(VideoFile(file).read(range(7)))
+    assert (VideoFile(file).count, VideoFile(file).rate) == (7, 30)
+    for picture, frame in zip(shown, (0, 1, 2, 2, 2, 3, 4), strict=True):
+        off = [np.abs(picture.astype(int) - one).mean() for one in rendered]
+        assert int(np.argmin(off)) == frame
+    head = page_head(results.context, results.context.views.sources, None, BLACK)
+    assert head["times"] == pytest.approx(np.array([0, 1, 2, 5, 6]) / 30)
+    assert [page_head(p.with_settings(f"frames.range={r}").context(), [0], None, BLACK)["times"] for r in RANGES] == [
+        pytest.approx(np.array(times) / 30) for times in RANGES.values()
+    ]
+
+
+RANGES = {"1:6": [0, 1, 4], "0:7:2": [0, 2, 6], "0:1": [0]}
+"""Some of those frames, and the 30ths of a second from the first on at which they are shown."""
+
+
+def at(numbers: Sequence[int], rate: float = 30.0) -> Context:
+    """What the play times read of a sequence."""
+    capture = SimpleNamespace(frame_rate=rate)
+    return cast(Context, SimpleNamespace(source_frames=np.array(numbers), capture=capture))
+
+
+def test_a_gap_is_played_no_longer_than_ten_seconds() -> None:
+    assert play_times(at([0, 1, 2, 100_002, 100_003])) == pytest.approx([0, 1 / 30, 2 / 30, 10 + 2 / 30, 10 + 3 / 30])
+    assert play_times(at([0, 1, 2, 9], rate=0.01)).tolist() == [0, 100, 200, 300], "frames that are rarer keep theirs"
+
+
+def test_every_frame_has_a_moment_of_its_own_in_a_video() -> None:
+    """Whatever the numbers: in order, none left out, and none off by more than half a picture where they are even."""
+    assert ticks(at([0, 1, 2, 3, 7, 8])) == [0, 1, 2, 3, 7, 8]
+    assert ticks(at([10, 20, 30, 50])) == [0, 1, 2, 4]
+    assert ticks(at([0, 1, 3, 4, 6])) == [0, 1, 2, 3, 4], "20 of 30 a second"
+    crowded = ticks(at([0, 5, 10, 11, 12, 13, 18, 23, 28, 60]))
+    assert crowded[-1] == 12
+    assert min(np.diff(crowded)) == 1
+    assert ticks(at([4])) == [0]
 
 
 def test_of_a_single_frame_only_steps_of_a_move_are_one_video(instant: Pipeline, tmp_path: Path) -> None:

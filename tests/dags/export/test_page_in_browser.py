@@ -141,6 +141,117 @@ def test_mouse_and_touch_steer(opened: Browser) -> None:
     silent(opened)
 
 
+NEARER = "plus(posegaussian.target, axisOf(posegaussian.camera.pose, 2), -0.2)"
+"""A point of the subject's side that faces the viewer: turning moves it across the picture."""
+
+
+def hold(browser: Browser, roll: float) -> None:
+    """Turn the first camera about its own view, by radians."""
+    browser.run(
+        f"""(() => {{
+          const p = posegaussian; p.reset();
+          const axes = [0, 1, 2].map((row) => axisOf(p.camera.pose, row));
+          const rolled = axes.map((axis) => turned(axis, axes[2], {roll}));
+          p.move({{ ...p.camera, pose: poseAt(rolled, centreOf(p.camera.pose)) }});
+        }})()"""
+    )
+
+
+def drag(browser: Browser, dx: float, dy: float) -> None:
+    browser.pointer("mousePressed", 300, 300, button="left", buttons=1, clickCount=1)
+    browser.pointer("mouseMoved", 300 + dx, 300 + dy, button="left", buttons=1)
+    browser.pointer("mouseReleased", 300 + dx, 300 + dy, button="left")
+
+
+@pytest.mark.parametrize("roll", [0, 0.6, np.pi / 2, np.pi, -np.pi / 2])
+def test_the_subject_follows_the_finger_however_the_camera_is_held(opened: Browser, roll: float) -> None:
+    """Rolled by any angle; and no drag goes over the top."""
+    seen = """(() => {
+      const { lens, pose } = fitted(posegaussian.camera, posegaussian.canvas.width, posegaussian.canvas.height);
+      const [x, y, z] = [0, 1, 2].map((row) => dot(axisOf(pose, row), window.nearer) + pose[4 * row + 3]);
+      return [lens[0] * x / z + lens[2], lens[3] * y / z + lens[4]];
+    })()"""
+    height = "dot(axisOf(posegaussian.camera.pose, 2), posegaussian.head.up)"
+    for dx, dy in ((40, 0), (0, 40), (0, -40)):
+        hold(opened, roll)
+        opened.run(f"window.nearer = {NEARER}")
+        before = np.array(opened.run(seen))
+        drag(opened, dx, dy)
+        moved, way = np.array(opened.run(seen)) - before, np.array([dx, dy]) / 40
+        assert moved @ way > 5
+        assert abs(moved @ way[::-1]) < 0.15 * (moved @ way)
+    for dx, dy in ((0, 250), (0, -250), (250, 0), (-250, 0)):
+        hold(opened, roll)
+        for _ in range(3):
+            drag(opened, dx, dy)
+            assert abs(opened.run(height)) <= np.sin(1.5) + 1e-9
+    silent(opened)
+
+
+def test_a_camera_that_looks_straight_down_is_not_tipped_by_a_drag_across(opened: Browser) -> None:
+    opened.run(
+        """(() => {
+          const p = posegaussian, { up } = p.head, down = up.map((n) => -n), right = axisOf(p.camera.pose, 0);
+          const x = plus(right, up, -dot(right, up)), unit = x.map((n) => n / Math.hypot(...x));
+          p.move({ ...p.camera, pose: poseAt([unit, cross(down, unit), down], plus(p.target, up, 2.5)) });
+        })()"""
+    )
+    forward = "axisOf(posegaussian.camera.pose, 2)"
+    before = np.array(opened.run(forward))
+    drag(opened, 1, 0)
+    assert np.degrees(np.arccos(min(1.0, before @ opened.run(forward)))) < 0.01
+    drag(opened, 0, 100)  # further over the top it does not go
+    assert np.degrees(np.arccos(min(1.0, before @ opened.run(forward)))) < 0.01
+    drag(opened, 0, -100)
+    assert np.degrees(np.arccos(min(1.0, before @ opened.run(forward)))) > 30
+    silent(opened)
+
+
+def test_frames_that_are_lacking_take_their_time(opened: Browser) -> None:
+    """Third and fourth frame a minute after the second: playing waits there, and the time is told."""
+    opened.run("window.seen = [], posegaussian.listeners.push(() => seen.push(posegaussian.step))")
+    opened.run("posegaussian.head.times = [0, 0.05, 60, 60.05], posegaussian.play(true)")
+    opened.wait("seen.includes(1)")
+    opened.run("new Promise((resolve) => setTimeout(resolve, 500))")
+    assert set(opened.run("seen")) == {0, 1}
+    opened.run("posegaussian.seek(2)")
+    opened.wait("posegaussian.step < 2")  # the two at the end take as long as they are apart, and it begins again
+    opened.run("posegaussian.play(false), posegaussian.seek(3)")
+    assert opened.run("document.getElementById('time').textContent").endswith(" 60.05 s")
+    silent(opened)
+
+
+def test_more_gaussians_than_a_device_holds_are_told(opened: Browser) -> None:
+    count = opened.run("posegaussian.count")
+    opened.run(
+        """(() => {
+          const { gl } = posegaussian.renderer, own = gl.getParameter.bind(gl);
+          gl.getParameter = (name) => (name === gl.MAX_TEXTURE_SIZE ? 2 : own(name));
+          posegaussian.renderer.forget(0), posegaussian.look();
+        })()"""
+    )
+    opened.wait("!document.getElementById('message').hidden")
+    told = opened.run("document.getElementById('message').textContent")
+    assert f"a frame has {count} Gaussians, this device holds 2048; export with --page-gaussians 1843" in told
+
+
+@pytest.mark.parametrize("size", [(320, 480), (640, 300), (360, 640)])
+@pytest.mark.parametrize("key", ["i", "?"])
+def test_panels_leave_the_controls_of_a_small_window_free(opened: Browser, size: tuple[int, int], key: str) -> None:
+    opened.resize(*size, mobile=True)
+    opened.key(key)
+    covered = """[...document.querySelectorAll('footer button, footer select, footer input')].filter((control) => {
+      const { left, top, width, height } = control.getBoundingClientRect();
+      return document.elementFromPoint(left + width / 2, top + height / 2) !== control;
+    }).map((control) => control.id)"""
+    opened.wait("posegaussian.canvas.clientHeight < 480")
+    assert opened.run(covered) == []
+    panel = "document.querySelector('aside:not([hidden])').getBoundingClientRect()"
+    assert opened.run(f"{panel}.bottom <= document.querySelector('footer').getBoundingClientRect().top")
+    assert opened.run(f"{panel}.height") > 60
+    silent(opened)
+
+
 def test_source_pictures_background_and_information(opened: Browser, made: Made) -> None:
     opened.key("p")
     assert opened.run("document.getElementById('source-name').textContent") == "cam00"

@@ -157,6 +157,58 @@ def test_cameras_and_frames_that_are_not_there_are_told_with_those_there_are(
     assert np.array_equal(opened.read("frames/color", np.int64(1), index), opened.read("frames/color", 1, last))
 
 
+def test_what_is_in_an_archive_is_what_it_gives(opened: posegaussian.OpenSequence, finished: Pipeline) -> None:
+    archive = posegaussian.open_archive(finished.root, finished.assignments)
+    assert NAME in archive
+    assert "nobody" not in archive
+    assert all(sequence in archive for sequence in archive)
+    assert 0 not in archive
+
+
+def test_a_view_is_refused_where_no_axis_has_views(opened: posegaussian.OpenSequence) -> None:
+    for array in ("pose/joints3d", next(name for name in opened.arrays("rendering/*/color"))):
+        assert len(opened.read(array, 0))
+        for view in (opened.views[0], 0, "nobody"):
+            with pytest.raises(ArchiveError, match=rf"{array} has no view axis \(its axes: frame, .*got view={view!r}"):
+                opened.read(array, 0, view)
+
+
+def test_gaussians_are_those_of_one_frame_and_of_source_views(opened: posegaussian.OpenSequence) -> None:
+    for frame in (slice(1, 3), None, range(1), [0], "0", 0.0):
+        with pytest.raises(NoSuchFrames, match=r"Gaussians are those of one frame, by its index within 0\.\.5, got"):
+            opened.gaussians(frame)  # type: ignore[arg-type]
+    sources = [opened.views[v] for v in opened.context.views.sources]
+    held_out = next(name for name in opened.views if name not in sources)
+    for views, told in (([], "no view"), (held_out, held_out), ([sources[0], held_out], held_out)):
+        with pytest.raises(ArchiveError, match=f"source views {', '.join(sources)}, got {told}; leave views out"):
+            opened.gaussians(0, views)
+    twice = opened.gaussians(0, [sources[0], sources[0]])
+    assert len(twice) == len(opened.gaussians(0, sources[0])), "a camera that is named twice has its Gaussians once"
+
+
+def test_a_table_is_found_by_its_path_or_told(opened: posegaussian.OpenSequence) -> None:
+    name = next(n for n, path in opened.context.paths.items() if path.kind == "held_out")
+    rows = opened.table("metrics/{path}", name)
+    assert rows
+    assert opened.table("metrics/{path}", "held_out") == rows
+    assert opened.table("metrics/{path}", opened.context.paths[name].text) == rows
+    for wrong in ("../..", "held-out", ""):
+        with pytest.raises(ArchiveError, match=rf"has no metrics/{{path}} of camera path '{wrong}'.*{name}"):
+            opened.table("metrics/{path}", wrong)
+    for wrong in ("metric", "metrics", "depth/depth"):
+        with pytest.raises(ArchiveError, match=rf"no stage writes a table '{wrong}'; there is metrics/{{path}}"):
+            opened.table(wrong, name)
+
+
+def test_a_background_is_a_colour_or_refused(opened: posegaussian.OpenSequence) -> None:
+    camera = posegaussian.camera_of(opened.rig, 0, height=8)
+    for background in ((128, 128, 128), (-0.1, 0, 0), (0, 0, float("nan")), (0.5, 0.5), 1.0):
+        with pytest.raises(ValueError, match=r"three numbers within 0\.\.1.*divide bytes by 255"):
+            posegaussian.draw(opened.gaussians(0), camera, background)  # type: ignore[arg-type]
+    corner = posegaussian.draw(opened.gaussians(0), camera, (0.5, 0.0, 1.0))[0, 0]
+    assert corner.tolist() == [128, 0, 255]
+
+
 def test_one_word_stands_for_a_list_of_one(opened: posegaussian.OpenSequence, finished: Pipeline) -> None:
     source = opened.context.views.sources[0]
     alone = opened.gaussians(0, [source])

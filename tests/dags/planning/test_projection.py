@@ -248,7 +248,7 @@ def test_more_bytes_than_the_disk_has_are_refused_before_the_start(
     first.register()
     with pytest.raises(
         ConfigError,
-        match=r"the run is projected to need .* more on disk, .* has 0.0 MB free; set run.keep to as_declared",
+        match=r"the run is projected to need .* more on disk, .* has 1.0 kB free; set run.keep to as_declared",
     ):
         first.session.run_and_report([first.plan()], Selection())
     assert not list((first.root / NAME / "_receipts").rglob("*.json"))

@@ -110,7 +110,11 @@ def test_curves_are_thinned_and_leave_out_what_is_no_number() -> None:
     long = plot("psnr", {"cam": [(i, float(np.sin(i))) for i in range(5000)]})
     assert long.count(",") <= MOST_POINTS
     assert plot("psnr", {"cam": [(0, float("nan"))]}) == ""
-    assert "<circle" in plot("psnr", {"cam": [(3, 20.0)]})
+    alone = plot("psnr", {"cam": [(3, 20.0)]})
+    assert "<circle" in alone
+    assert re.findall(r"<text[^>]*>([^<]*)</text>", alone) == ["20", "frame 3"], "a value alone is said once"
+    two = plot("psnr", {"cam": [(3, 20.0), (5, 21.0)]})
+    assert re.findall(r"<text[^>]*>([^<]*)</text>", two) == ["21", "20", "frame 3", "5"]
 
 
 def test_a_page_of_another_ending_is_refused_before_anything_is_read(tmp_path: Path) -> None:

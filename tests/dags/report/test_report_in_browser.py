@@ -76,7 +76,7 @@ def test_it_is_whole_at_any_width(browser: Browser, file: Path, width: int) -> N
     assert browser.run("document.querySelector('h1').innerText") == ARCHIVE
     for said in (FAILED, WARNED, *OTHERS, "<b>the mask</b> is 'empty'", "onerror=alert(1)> the cosmic ray"):
         assert said in text, said
-    assert "6 sequences: 4 done, 1 warnings, 1 failed" in text
+    assert "6 sequences: 4 done, 1 with warnings, 1 failed" in text
     assert browser.run("document.querySelectorAll('script').length") == 0
     browser.run("document.querySelectorAll('details').forEach((d) => d.open = true)")
     assert browser.run("document.documentElement.scrollWidth") <= width, "nothing is cut off at the side"
