@@ -212,6 +212,7 @@ def status(
     from posegaussian.dags.diagnostics.profile import Spending
     from posegaussian.dags.diagnostics.status import every_standing
     from posegaussian.dags.planning.context import Context
+    from posegaussian.storage.archive import ledger
 
     names = session.names(sequence or ())
     standings, failed = every_standing(session, names)
@@ -223,7 +224,7 @@ def status(
         )
     )
     say(Spending.of(session.archive, names).sentences())
-    say(failed, "red")
+    say([*failed, *ledger.faults(session.archive)], "red")
     undone = [name for name, row in standings.items() if not any(stage.get("done") for stage in row.values())]
     for name in undone[:MOST]:  # each takes a plan, which a status does without
         say(made_otherwise(session.archive, session.plan(name, Selection())))

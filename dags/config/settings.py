@@ -201,10 +201,10 @@ class Configuration:
     """{glob: partial settings} of `sequences`."""
 
     def for_sequence(self, name: str) -> Any:
-        """Settings of one sequence: overrides whose glob matches are laid over the default,
+        """Settings of one sequence: overrides of its name, or whose glob matches, are laid over the default,
         in the order of the file."""
         values = _merged(self.layers)
-        globs = [g for g in self.overrides if fnmatch.fnmatchcase(name, g)]
+        globs = [g for g in self.overrides if _means(g, name)]
         if not globs:
             return self.default
         for g in globs:
@@ -217,7 +217,7 @@ class Configuration:
         return [
             unknown_key(g, names, thing=f"the settings under sequences.{g} are for no sequence of this archive")
             for g in self.overrides
-            if not any(fnmatch.fnmatchcase(n, g) for n in names)
+            if not any(_means(g, n) for n in names)
         ]
 
     def as_yaml(self, paths: Sequence[str] = ()) -> str:
@@ -231,6 +231,11 @@ class Configuration:
             }
             values = {**merge(values, own), "sequences": named}
         return yaml_text(values)
+
+
+def _means(glob: str, name: str) -> bool:
+    """Whether a key of `sequences` is a sequence's name, in which brackets are but letters, or a glob that matches."""
+    return glob == name or fnmatch.fnmatchcase(name, glob)
 
 
 def merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:

@@ -17,12 +17,15 @@ Location = tuple[str | int, ...]
 
 
 def parse_value(text: str) -> Any:
-    """One value as a configuration file would have it. Raises ConfigError."""
+    """One value as a configuration file would have it in quotes where it needs them: `100:`, an open range, is a text
+    and no mapping of 100 to nothing. Raises ConfigError."""
     try:
-        return loader().load(text)
+        value = loader().load(text)
     except (YAMLError, ValueError) as e:
         problem = e.problem if isinstance(e, MarkedYAMLError) and e.problem else " ".join(str(e).split())
         raise ConfigError(f"{shortened(text)} is not a YAML value: {problem}") from e
+    open_ended = isinstance(value, dict) and list(value.values()) == [None] and text.strip().endswith(":")
+    return text.strip() if open_ended else value
 
 
 @dataclass

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
+from rich.markup import escape
 from rich.table import Table
 
 from posegaussian.dags.planning.effects import EffectVerdict
@@ -24,7 +25,10 @@ def effects_table(plan: Plan, timed: Sequence[Mapping[str, Any]] = ()) -> Table:
     """One row an effect, then one a choice (where masks come from), each with its reason below; `timed`: finished
     tasks as `History.timed` has them, for the seconds."""
     table = Table(
-        title=f"{plan.context.sequence.name}: effects", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0)
+        title=f"{escape(plan.context.sequence.name)}: effects",
+        title_justify="left",
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
     )
     for column, justify in (
         ("effect", "left"),
@@ -43,7 +47,7 @@ def effects_table(plan: Plan, timed: Sequence[Mapping[str, Any]] = ()) -> Table:
             _time(v, seconds(plan, v, timed)),
         )
     measured, state, _ = _cameras(plan)
-    table.add_row("views.trust", measured, f"{TRUST.bound:g} {TRUST.unit}", state, "")
+    table.add_row("views.trust", measured, f"{TRUST.bound:g} {TRUST.unit}", escape(state), "")
     for name, answer, setting, _ in _choices(plan):
         table.add_row(name, "", "", f"{answer} ({'auto' if setting == 'auto' else 'forced'})", "")
     return table

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import shlex
+from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
-from posegaussian.dags.config.settings import GLOBAL, load_configuration
+from posegaussian.dags.config.settings import GLOBAL, Configuration, load_configuration
 from posegaussian.dags.diagnostics.run_log import SETTINGS
 from posegaussian.dags.humanize.text import number
 from posegaussian.dags.planning.explain import differences
@@ -32,7 +34,7 @@ def made_otherwise(archive: Archive, plan: Plan) -> list[str]:
     if not file.is_file():
         return []
     try:
-        before = load_configuration(file).for_sequence(context.sequence.name)
+        before = _settings(file, file.stat().st_mtime_ns).for_sequence(context.sequence.name)
     except ConfigError:  # of another version of the program
         return []
     was, now = (_deciding(s.model_dump(mode="json")) for s in (before, context.settings))
@@ -46,6 +48,13 @@ def made_otherwise(archive: Archive, plan: Plan) -> list[str]:
         f" asked for now. What that run made: --config {shlex.quote(str(file))}"
     )
     return [sentence]
+
+
+@lru_cache(maxsize=4)
+def _settings(file: Path, stamp: int) -> Configuration:
+    """The settings of a run, read once for all sequences that it worked on; `stamp`: of the file. Raises
+    ConfigError."""
+    return load_configuration(file)
 
 
 def _deciding(settings: dict[str, Any]) -> dict[str, Any]:

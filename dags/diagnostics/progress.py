@@ -47,7 +47,7 @@ class TerminalProgress:
         lead another command to the same archive and settings."""
         self.console, self.remaining, self.voice, self.options = console, remaining, voice, options
         columns = (BarColumn(), TextColumn("{task.percentage:>3.0f}%"), TimeElapsedColumn(), _Left(remaining))
-        self.bars = Progress(*columns, TextColumn("{task.description}"), console=console)
+        self.bars = Progress(*columns, TextColumn("{task.description}", markup=False), console=console)
         self.bar: TaskID | None = None
         self.tally = Tally()
 

@@ -190,7 +190,11 @@ def failed_table(failed: Iterable[FailedTask]) -> Table:
         table.add_column(column, justify="right" if column == "blocks" else "left", overflow="fold")
     for f in failed:
         table.add_row(
-            f.task.sequence, f.task.label(), f.when[5:16].replace("T", " "), str(f.blocked or ""), escape(f.error)
+            escape(f.task.sequence),
+            f.task.label(),
+            f.when[5:16].replace("T", " "),
+            str(f.blocked or ""),
+            escape(f.error),
         )
     return table
 

@@ -25,7 +25,7 @@ def plan_table(plan: Plan) -> Table:
     partitions = len(plan.context.grid.partitions)
     table = Table(
         title=(
-            f"{plan.context.sequence.name}: {number(plan.context.grid.frames, 'frame')} in"
+            f"{escape(plan.context.sequence.name)}: {number(plan.context.grid.frames, 'frame')} in"
             f" {number(partitions, 'partition')}"
         ),
         title_justify="left",

@@ -188,7 +188,8 @@ def table(name: str, report: Report, width: int) -> Table:
         )
         for f, more in rows(report.findings)
     ]
-    return listing(("measure", "of", "number", "verdict", "bounds"), told, width, f"{name}: is the capture usable?")
+    title = f"{escape(name)}: is the capture usable?"
+    return listing(("measure", "of", "number", "verdict", "bounds"), told, width, title)
 
 
 def rows(findings: Sequence[Finding]) -> Iterator[tuple[Finding, int]]:

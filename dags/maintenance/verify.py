@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from posegaussian.dags.humanize.text import number
 from posegaussian.dags.planning.tasks import Task
 from posegaussian.dags.session.session import Session
+from posegaussian.storage.archive import ledger
 from posegaussian.storage.archive.integrity import (
     ARRAY_BROKEN,
     FOREIGN_RECEIPT,
@@ -26,7 +27,11 @@ from posegaussian.storage.model.errors import ArchiveError, LeaseHeld
 def verify(session: Session, names: Sequence[str], mend: bool) -> int:
     """Read everything again, print every fault, and with `mend` mark it for the next run; returns the exit status, 1
     where there is any."""
-    broken = 0
+    told, broken = ledger.faults(session.archive), 0
+    for sentence in told:
+        if mend:
+            ledger.rebuild(session.archive)
+        session.say([f"{sentence}; {'written anew' if mend else '--repair writes it anew at once'}"], "red")
     for name in names:
         try:
             sequence = session.archive.sequence(name)
@@ -44,7 +49,7 @@ def verify(session: Session, names: Sequence[str], mend: bool) -> int:
                 )
             ]
         )
-    return 1 if broken else 0
+    return 1 if broken or told else 0
 
 
 def _sequence(session: Session, sequence: SequenceGroup, mend: bool) -> int:

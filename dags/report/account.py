@@ -161,7 +161,7 @@ def _failure(failed: FailedTask) -> str:
 
 
 def _seconds(session: Session) -> dict[str, Counter[str]]:
-    """{sequence: {stage: seconds}} of finished tasks, by the ledger. Raises ArchiveError for what is no ledger."""
+    """{sequence: {stage: seconds}} of finished tasks, by the ledger."""
     found: defaultdict[str, Counter[str]] = defaultdict(Counter)
     for row in ledger.read(session.archive, ("sequence", "stage", "seconds")):
         if row["seconds"] is not None:

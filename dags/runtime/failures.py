@@ -170,5 +170,7 @@ def failures_table(
         name, _, error = sentence.partition(": ")
         table.add_row(escape(name), "all", "refused", escape(error))
     for f in failures:
-        table.add_row(escape(f.task.sequence), f.task.label(cameras.get(f.task.sequence, ())), f.kind, escape(f.error))
+        table.add_row(
+            escape(f.task.sequence), escape(f.task.label(cameras.get(f.task.sequence, ()))), f.kind, escape(f.error)
+        )
     return table

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from posegaussian.dags.humanize.text import number
 from posegaussian.dags.planning.tasks import Task
 from posegaussian.dags.runtime.work_order import WorkOrder
-from posegaussian.storage.archive.lease import Holder, ended, read_lease
+from posegaussian.storage.archive.lease import Holder, ended, read_lease, remove_ended
 from posegaussian.storage.archive.receipts import lease_file
 from posegaussian.storage.archive.store import SequenceGroup
 
@@ -65,8 +65,11 @@ class HeldTasks:
             return
         before = len(self._tasks)
         for task, held in list(self._tasks.items()):
-            holder = read_lease(lease_file(SequenceGroup(held.order.root), held.order.key), self._lease)
+            file = lease_file(SequenceGroup(held.order.root), held.order.key)
+            holder = read_lease(file, self._lease)
             if holder is None or ended(holder, time.time()):
+                if holder is not None:
+                    remove_ended(file, holder)
                 del self._tasks[task]
                 yield held.priority, task, held.order
             else:

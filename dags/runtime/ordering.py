@@ -58,6 +58,7 @@ def make_order(context: Context, book: Book, task: Task, parts: dict[str, Any], 
         late=context.late,
         path_text=context.paths[task.path].text if task.path is not None else None,
         readings=readings,
+        shape=context.shape(task.path),
         parts=parts,
         source_spans=spans,
         footage=(first, context.source_frames[first:last], context.valid[first:last]),
@@ -154,7 +155,10 @@ def prepare(plan: Plan) -> None:
 
 
 def _as_set(plan: Plan, stage: str) -> bool:
-    """Whether what the stage made is, or will be, of these settings."""
+    """Whether what the stage made is, or will be, of these settings; while it waits for a decision that is open, its
+    arrays may yet be refused."""
+    if stage in plan.context.waits:
+        return False
     own = [v.state for v in plan.verdicts.values() if v.task.stage == stage]
     return plan.selection.allows(stage) or all(state is State.FRESH for state in own)
 

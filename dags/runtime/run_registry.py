@@ -44,7 +44,8 @@ class Presence:
 
     def drop(self) -> None:
         """The run leaves."""
-        self.lease.file.with_suffix(COUNTED_ON).unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # a disk that became read-only: it says nothing once the lease ended
+            self.lease.file.with_suffix(COUNTED_ON).unlink(missing_ok=True)
         self.lease.drop()
 
 
@@ -80,12 +81,13 @@ def folder(sequence: SequenceGroup) -> Path:
 
 
 def sweep(sequence: SequenceGroup, terms: RunTerms) -> None:
-    """Remove what runs left behind that were killed; their names are never used again."""
+    """Remove what runs left behind that were killed, where the disk lets it go; their names are never used again."""
     for file in folder(sequence).glob(f"*{SUFFIX}"):
         holder = read_lease(file, terms.lease)
         if holder is not None and ended(holder, time.time()):
-            file.with_suffix(COUNTED_ON).unlink(missing_ok=True)
-            file.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                file.with_suffix(COUNTED_ON).unlink(missing_ok=True)
+                file.unlink(missing_ok=True)
 
 
 def others(sequence: SequenceGroup) -> list[Holder]:

@@ -151,22 +151,27 @@ class Run:
                 set_aside.shrink(Archive(root), room, changing)
 
     @contextmanager
-    def _or_without(self, *plans: Plan) -> Iterator[None]:
-        """Where what is done for some sequences fails, the first open task of each fails and the others go on."""
+    def _or_without(self, *plans: Plan, at: Task | None = None) -> Iterator[None]:
+        """Where what is done for some sequences fails, the task `at`, or the first open one of each, fails, their other
+        tasks are blocked but what a worker has in hand, and other sequences go on."""
         try:
             yield
         except Exception as e:
             for plan in plans:
-                first = _first_open(plan)
-                if first is not None and first not in self.ended:
+                first = self._first_open(plan) if at is None or at in self.ended else at
+                if first is not None:
                     self._fail(first, failure(e))
                     for task in plan.verdicts:
                         self._block(task, first)
 
+    def _first_open(self, plan: Plan) -> Task | None:
+        """The first task of a plan that is neither fresh nor settled nor in a worker's hand."""
+        judged = ((t, v.state) for t, v in plan.verdicts.items() if t not in self.ended and t not in self.out)
+        return next((t for t, state in judged if state is not State.FRESH), None)
+
     def _enter(self, plan: Plan) -> None:
         """Make a sequence's arrays and begin with it."""
-        first = _first_open(plan)
-        if first is not None and first not in self.ended:
+        if self._first_open(plan) is not None:
             with self._or_without(plan):
                 self.presences.append(enter(plan, self.rules.terms))
                 plan.book = Book.open(plan.context, plan.book.held)
@@ -208,9 +213,9 @@ class Run:
             return  # something it reads was opened again since it became ready
         plan = self.plans[task.sequence]
         if task.stage in plan.context.waits:
-            self._decide(plan)
+            self._decide(plan, task)
         if task in self.ended:
-            return  # of a camera path that is none any more
+            return  # of a camera path that is none any more, or its arrays could not be made
         if task.stage in plan.context.waits and self._waits_for_more(plan, task):
             return
         if task.stage in plan.unneeded:
@@ -273,9 +278,9 @@ class Run:
         self._compare(task, receipt)
         return True
 
-    def _decide(self, plan: Plan) -> None:
+    def _decide(self, plan: Plan, task: Task) -> None:
         """A sequence-wide stage is through: what it settles is decided, which cameras are believed among it, and the
-        arrays behind that can be made."""
+        arrays behind that can be made; where they cannot, `task` fails and the rest of the plan is blocked."""
         name, open_cameras = plan.context.sequence.name, plan.context.cameras_undecided
         before = plan.context.paths.keys()
         decided = take_decisions(plan)
@@ -289,7 +294,8 @@ class Run:
         on, off = (tuple(v.effect.name for v in effects if v.state == state) for state in ("on", "off"))
         if decided:
             self.tell(EffectsDecided(name, tuple(v.sentence for v in decided), on, off))
-        make_arrays(plan, self.rules.terms)
+        with self._or_without(plan, at=task):
+            make_arrays(plan, self.rules.terms)
 
     def _change_paths(self, plan: Plan) -> None:
         """Camera paths go between cameras that are believed, as these stand: tasks of those that go elsewhere give way
@@ -368,6 +374,7 @@ class Run:
         blocked by it."""
         left = [t for t in self.order if t not in self.ended and self.selection.allows(t.stage)]
         failed = [t for t in left if t in self.flight.flying] or left[:1]
+        self.out.clear()
         for task in failed:
             self._fail(task, why)
         for task in self.order:
@@ -419,14 +426,9 @@ class Run:
         todo = [task]
         while todo:
             t = todo.pop()
-            if t in self.ended:
-                continue
+            if t in self.ended or t in self.out:
+                continue  # what a worker has in hand settles itself
             allowed = self.selection.allows(t.stage)
             self.ended[t] = "blocked" if allowed else "left_out"
             self.tell(TaskBlocked(t, by) if allowed else TaskLeftOut(t))
             todo += self.dependents[t]
-
-
-def _first_open(plan: Plan) -> Task | None:
-    """The first task of a plan that is not fresh."""
-    return next((t for t, v in plan.verdicts.items() if v.state is not State.FRESH), None)

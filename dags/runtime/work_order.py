@@ -66,6 +66,8 @@ class WorkOrder:
     """What the path was asked for as."""
     readings: dict[str, ArrayReading]
     """By declared name."""
+    shape: dict[str, int]
+    """Lengths of the dimensions of the arrays that it writes to."""
     parts: dict[str, Any]
     """Fingerprint parts."""
     source_spans: dict[str, range]

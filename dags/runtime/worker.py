@@ -44,7 +44,7 @@ from posegaussian.storage.archive.receipts import (
     remove_receipt,
     write_receipt,
 )
-from posegaussian.storage.archive.shards import read_array, write_array, write_table
+from posegaussian.storage.archive.shards import read_array, require_array, write_array, write_table
 from posegaussian.storage.archive.store import SequenceGroup
 from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.errors import ArchiveError, OtherCode
@@ -181,6 +181,7 @@ def _make(sequence: SequenceGroup, order: WorkOrder, lease: Lease) -> Receipt:
     builds.check_imports()
     threads.limit(order.threads)
     started, clock, cpu = datetime.now(UTC), time.perf_counter(), time.process_time()
+    _arrays_unchanged(sequence, stage, order)
     lease.check()
     remove_receipt(sequence, order.stage, order.partition, order.scope.view, order.path_name)
     warnings: list[str] = []
@@ -221,6 +222,14 @@ def _make(sequence: SequenceGroup, order: WorkOrder, lease: Lease) -> Receipt:
     lease.check()
     write_receipt(sequence, receipt)
     return receipt
+
+
+def _arrays_unchanged(sequence: SequenceGroup, stage: Stage, order: WorkOrder) -> None:
+    """Raise ArchiveError where another run replaced an array that the task is to write: the receipt that is there
+    belongs to that one, and stays."""
+    for spec in stage.writes_for(order.scope.facts):
+        if isinstance(spec, ArraySpec):
+            require_array(sequence, spec, order.path_name or "", order.shape)
 
 
 def _inputs_unchanged(sequence: SequenceGroup, order: WorkOrder) -> None:

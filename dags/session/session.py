@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fnmatch
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -38,11 +37,12 @@ from posegaussian.dags.runtime.ordering import lacks_description
 from posegaussian.dags.runtime.scheduler import Run
 from posegaussian.dags.runtime.signals import STATUS, interruptible
 from posegaussian.dags.runtime.work_order import RunTerms
+from posegaussian.dags.session.choosing import chosen, chosen_one
+from posegaussian.storage.archive import ledger
 from posegaussian.storage.archive.lease import own_name
-from posegaussian.storage.archive.ledger import RUNS
 from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.files.write import require_writable, write_atomically
-from posegaussian.storage.model.errors import ArchiveError, ConfigError, NotWritten, SchedulerLost, UserError
+from posegaussian.storage.model.errors import ConfigError, NotWritten, SchedulerLost, UserError
 
 
 @dataclass(frozen=True)
@@ -92,28 +92,12 @@ class Session:
         return Archive.open(self.archive_url)
 
     def names(self, globs: Sequence[str]) -> list[str]:
-        """Names of the sequences that any glob matches; all without globs.
-        Raises ArchiveError when a glob matches none."""
-        known = self.archive.names()
-        if not known:
-            raise ArchiveError(
-                f"archive {self.archive.root} has no sequence yet; `posegaussian import auto FOLDER` registers a"
-                " capture, `posegaussian simulate plain` films a simulated person; `--archive URL` names another"
-            )
-        for g in globs:
-            if not fnmatch.filter(known, g):
-                raise ArchiveError(f"no sequence matches {g!r}; archive {self.archive.root} has {', '.join(known)}")
-        return [n for n in known if not globs or any(fnmatch.fnmatchcase(n, g) for g in globs)]
+        """Names of the sequences that names and globs choose, as `chosen` says."""
+        return chosen(self.archive, globs)
 
     def one_name(self, glob: str | None) -> str:
-        """The one sequence that a glob matches. Raises ArchiveError for none, for several, and without a glob."""
-        if glob is None:
-            known = ", ".join(self.names([]))
-            raise ArchiveError(f"no sequence is named; archive {self.archive.root} has {known}: name one")
-        matches = self.names([glob])
-        if len(matches) > 1:
-            raise ArchiveError(f"{glob!r} matches {len(matches)} sequences, {', '.join(matches)}; name one")
-        return matches[0]
+        """The one sequence that a name or glob chooses, as `chosen_one` says."""
+        return chosen_one(self.archive, glob)
 
     def context(self, name: str, paths: tuple[str, ...] = ()) -> Context:
         """One sequence under its settings, with what the survey decided of it where that is known."""
@@ -216,7 +200,7 @@ class Session:
             backend.close(hard=True)
             raise ConfigError("\n".join(refused))
         stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%fZ")
-        folder = self.archive.place(f"{RUNS}/{stamp}")
+        folder = self.archive.place(f"{ledger.RUNS}/{stamp}")
         paths = next((p.context.path_texts for p in plans if p.context.asked_for), ())
         try:
             write_atomically(folder / "pipeline.yaml", self.configuration.as_yaml(paths).encode())
@@ -259,10 +243,8 @@ class Session:
     def _record(self, folder: Path, collector: WarningCollector) -> list[str]:
         """Keep the run's warnings and tracebacks, and bring the ledger up to date; a sentence for each that the disk
         does not take."""
-        from posegaussian.storage.archive.ledger import rebuild
-
         unwritten = []
-        for write in (lambda: self._log(folder, collector), lambda: rebuild(self.archive)):
+        for write in (lambda: self._log(folder, collector), lambda: ledger.rebuild(self.archive)):
             try:
                 write()
             except NotWritten as e:
@@ -291,7 +273,7 @@ class Session:
         self, names: Sequence[str], paths: tuple[str, ...], selection: Selection
     ) -> tuple[list[Plan], list[str]]:
         """As `planned`, with a sentence for each other; raises when none can be."""
-        self.say(self.configuration.idle(self.archive.names()), "yellow")
+        self.say([*self.configuration.idle(self.archive.names()), *ledger.faults(self.archive)], "yellow")
         plans, why = self.planned(names, paths, selection)
         errors = [f"{n}: {w}" for n, w in why.items()]
         if not plans:

@@ -181,7 +181,7 @@ def stage_scene(scene: Scene, folder: Path) -> Staged:
 
 def effects_plan(name: str, scene: Scene, rulings: tuple[Ruling, ...]) -> Table:
     """Every effect: what was measured, on or off, why, and what it costs a picture of this size."""
-    table = Table(title=f"{name}: effects of the scene", title_justify="left")
+    table = Table(title=f"{escape(name)}: effects of the scene", title_justify="left")
     for column, justify, fold in (
         ("effect", "left", False),
         ("state", "left", False),

@@ -46,6 +46,8 @@ MOST_BYTES = 2**20
 """Bytes of a lease that is read: last words are a traceback of every thread."""
 _TOKEN = re.compile(r"[A-Za-z0-9_\-]{0,64}")
 """A token: files beside the lease are named after it."""
+_SEEN: dict[str, tuple[float, float]] = {}
+"""{token: (end, time of the monotonic clock at which it was first seen)} of leases from the future."""
 SAME_START = 2.0
 """Seconds within which two readings of a process's start are the same process."""
 
@@ -80,13 +82,24 @@ class Holder:
     """When it ends unless it is renewed, seconds since the epoch."""
     ended: str = ""
     """What its process said last, when it ended itself in the middle of its work."""
+    seconds: float = 0.0
+    """How long it holds without renewal; 0 where it does not say."""
 
     def sentence(self, now: float) -> str:
         """`run R, worker W (process P on host H) since 12:03:11 UTC (for 40 s)`."""
+        ahead = self.ahead(now)
         return (
             f"run {self.run}, worker {self.worker} (process {self.pid} on {self.host}) since {_clock(self.since)} (for"
-            f" {max(0.0, now - self.since):.0f} s)"
+            f" {max(0.0, now - self.since):.0f} s"
+            + (f"; its clock is {ahead:.0f} s ahead of this one, or was when it died" if ahead else "")
+            + ")"
         )
+
+    def ahead(self, now: float) -> float:
+        """Seconds by which the clock it was renewed by is ahead of `now`; 0 for less than it holds, as clocks of
+        machines differ."""
+        found = self.until - self.seconds - now
+        return found if found > self.seconds > 0 else 0.0
 
 
 def _clock(seconds: float) -> str:
@@ -117,12 +130,20 @@ def _own_start(pid: int) -> float:
     return _process_start(pid) or 0.0
 
 
+def _stands_still(holder: Holder) -> bool:
+    """Whether this process first saw a lease as it is longer ago than it holds: its holder would have renewed it."""
+    if _SEEN.get(holder.token, (None, 0.0))[0] != holder.until:
+        _SEEN[holder.token] = (holder.until, time.monotonic())
+    return time.monotonic() - _SEEN[holder.token][1] > holder.seconds
+
+
 def ended(holder: Holder, now: float) -> bool:
-    """Whether a lease may be taken over: given up, past its time, or its holder provably dead."""
+    """Whether a lease may be taken over: given up, past its time, or its holder provably dead. One from the future, as
+    a clock that was set back leaves it, has ended when it is not renewed while somebody waits for it."""
     if holder.ended or holder.until < now:
         return True
     if (holder.host, holder.boot) != (socket.gethostname(), _boot()):
-        return False
+        return holder.ahead(now) > 0 and _stands_still(holder)
     start = _process_start(holder.pid)
     return start is None or abs(start - holder.started) > SAME_START
 
@@ -149,7 +170,7 @@ def _holder(said: dict[str, Any]) -> Holder:
     """The holder that a lease names. Raises TypeError and ValueError for what no lease says."""
     holder = Holder(**said)
     texts = (holder.token, holder.run, holder.worker, holder.host, holder.boot, holder.ended)
-    numbers = (holder.pid, holder.started, holder.since, holder.until)
+    numbers = (holder.pid, holder.started, holder.since, holder.until, holder.seconds)
     if not all(isinstance(t, str) for t in texts) or not all(
         type(n) in (int, float) and -1e9 < n < 2.5e11 for n in numbers
     ):
@@ -231,6 +252,12 @@ def _remove(file: Path, meant: Callable[[Holder], bool]) -> None:
         os.replace(grave, file)
 
 
+def remove_ended(file: Path, holder: Holder) -> None:
+    """Remove a lease that this process found to have ended: another one, which is to take it, may know less of it."""
+    with contextlib.suppress(OSError):  # whoever takes it says what the disk does not allow
+        _displace(file, holder.token, lambda h: h.token == holder.token and ended(h, time.time()))
+
+
 class Lease:
     """The right to write one task's output, or to change one sequence's arrays."""
 
@@ -274,6 +301,7 @@ class Lease:
                 _own_start(os.getpid()),
                 now,
                 now + seconds,
+                seconds=seconds,
             )
             try:
                 handle = _create(file, holder)

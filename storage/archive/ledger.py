@@ -181,14 +181,17 @@ def rebuild(archive: Archive) -> Path:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    rows = [r for name in archive.names() for r in _rows(archive, name)]
-    rows += failures(archive, {tuple(r[k] for k in KEY): r["started"] or "" for r in rows})
-    schema = _schema()
     sink = pa.BufferOutputStream()
-    pq.write_table(pa.Table.from_pylist(rows, schema=schema), sink)
+    pq.write_table(pa.Table.from_pylist(_every_row(archive), schema=_schema()), sink)
     file = archive.place(LEDGER)
     write_atomically(file, sink.getvalue().to_pybytes())
     return file
+
+
+def _every_row(archive: Archive) -> list[dict[str, Any]]:
+    """What the ledger has to say."""
+    rows = [r for name in archive.names() for r in _rows(archive, name)]
+    return rows + failures(archive, {tuple(r[k] for k in KEY): r["started"] or "" for r in rows})
 
 
 def _rows(archive: Archive, name: str) -> list[dict[str, Any]]:
@@ -198,8 +201,9 @@ def _rows(archive: Archive, name: str) -> list[dict[str, Any]]:
         return []  # every command that touches the sequence says what is wrong with it
 
 
-def _open(archive: Archive) -> Any:
-    """The ledger as Parquet; None where there is none. Raises ArchiveError for what is no ledger."""
+def _table(archive: Archive, columns: Sequence[str]) -> Any:
+    """Columns of the ledger, those of them that it has; None where there is no ledger. Raises ArchiveError for what is
+    no ledger."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -213,11 +217,25 @@ def _open(archive: Archive) -> Any:
             for f in found.schema_arrow
             if f.name in COLUMNS and f.type != _schema().field(f.name).type
         ]
+        if not wrong:
+            table = found.read(columns=[c for c in columns if c in found.schema_arrow.names])
+            table.validate(full=True)
+            return table
     except (pa.ArrowException, OSError) as e:
         wrong = [str(e)]
-    if wrong:
-        raise ArchiveError(f"{file} is no ledger ({wrong[0][:200]}); delete it, the next run writes it anew")
-    return found
+    raise ArchiveError(
+        f"{file} is damaged or no ledger ({wrong[0][:200]}); what it would say is taken from the receipts and the runs'"
+        " logs, and the next run writes it anew"
+    )
+
+
+def faults(archive: Archive) -> list[str]:
+    """A sentence about a ledger that cannot be read."""
+    try:
+        _table(archive, COLUMNS)
+    except ArchiveError as e:
+        return [str(e)]
+    return []
 
 
 def failed(archive: Archive) -> list[tuple[Any, ...]]:
@@ -230,12 +248,10 @@ def failed(archive: Archive) -> list[tuple[Any, ...]]:
 
 def read(archive: Archive, columns: Sequence[str] = COLUMNS) -> list[dict[str, Any]]:
     """All rows, of some columns; an archive without a ledger has none, a ledger of an older version is null where it
-    lacks a column.
-
-    Raises ArchiveError for a file that is no ledger.
-    """
-    found = _open(archive)
-    if found is None:
-        return []
-    rows = found.read(columns=[c for c in columns if c in found.schema_arrow.names]).to_pylist(maps_as_pydicts="strict")
+    lacks a column. Where it is damaged, as `faults` says, the rows are those of a new one."""
+    try:
+        found = _table(archive, columns)
+    except ArchiveError:
+        return [{c: row[c] for c in columns} for row in _every_row(archive)]
+    rows = [] if found is None else found.to_pylist(maps_as_pydicts="strict")
     return [{c: row.get(c) for c in columns} for row in rows]

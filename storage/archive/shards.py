@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import re
 import threading
 import zlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from itertools import product, takewhile
 from pathlib import Path
 from typing import Any, Literal
@@ -18,8 +20,8 @@ from posegaussian.storage.archive.receipts import Output, ShardFile
 from posegaussian.storage.archive.store import SequenceGroup
 from posegaussian.storage.files.names import FileSizes
 from posegaussian.storage.files.write import refusals, sync_folder, write_atomically
-from posegaussian.storage.model.errors import ShardCorrupt, ShardMissing
-from posegaussian.storage.model.spec import LISTED, ArraySpec, TableSpec, content_digest, digest
+from posegaussian.storage.model.errors import ArchiveError, ShardCorrupt, ShardMissing
+from posegaussian.storage.model.spec import LISTED, ArraySpec, Shape, TableSpec, content_digest, digest
 from posegaussian.storage.model.timegrid import TimeGrid
 
 COMPILED = {"codec_pipeline.path": "zarrs.ZarrsCodecPipeline", "threading.max_workers": 1}
@@ -30,6 +32,8 @@ OF_ZEROS = {"codec_pipeline.path": "zarr.core.codec_pipeline.BatchedCodecPipelin
 _CONFIGURING = threading.Lock()
 """Held while zarr's configuration, which is one for all threads, is another one: what threads put back in turns would
 stay."""
+_SYSTEM_ERROR = re.compile(r"\(os error (\d+)\)")
+"""How the compiled library ends a sentence about what the system told it."""
 WHOLE = ("frame", "view", LISTED)
 """Dimensions of which a block has no more than one shard's part: of a list all."""
 Guard = Callable[[], object]
@@ -38,6 +42,19 @@ Guard = Callable[[], object]
 
 def free() -> None:
     """The guard of a writer nobody else can disturb."""
+
+
+@contextmanager
+def _system_errors(path: Path) -> Iterator[None]:
+    """Within, what the system told the compiled library about a file or folder is an OSError, as everywhere else: it
+    comes as a RuntimeError, the same as damage does, and only the system's errors may pass by waiting."""
+    try:
+        yield
+    except RuntimeError as e:
+        told = _SYSTEM_ERROR.search(str(e))
+        if told is None:
+            raise
+        raise OSError(int(told[1]), os.strerror(int(told[1])), str(path)) from e
 
 
 def _record(sequence: SequenceGroup, key: str, made: Iterable[Path]) -> ShardFile:
@@ -67,6 +84,20 @@ def _open(sequence: SequenceGroup, name: str, mode: Literal["r", "r+"], codecs: 
             f"array {name} of sequence {sequence.name} has no zarr.json; `posegaussian verify --sequence"
             f" {sequence.name} --repair` has it made anew"
         ) from None
+
+
+def require_array(sequence: SequenceGroup, spec: ArraySpec, path: str, shape: Shape) -> None:
+    """Raise ArchiveError where an array is not the declared one for lengths of dimensions {name: length}, but for its
+    frames, which runs of more of them add; and ShardMissing where there is none."""
+    name, declared = spec.name.format(path=path), spec.lengths(shape)
+    array = _open(sequence, name, "r")
+    differ = array.dtype != np.dtype(spec.dtype) or len(array.shape) != len(declared)
+    if differ or any(a != b and d != "frame" for d, a, b in zip(spec.dims, array.shape, declared, strict=True)):
+        raise ArchiveError(
+            f"{name} of sequence {sequence.name} is {array.dtype} {array.shape}, and {spec.dtype} {declared} is to be"
+            " written: another run with other settings replaced it; two such runs cannot share an archive: let one end,"
+            " then run again"
+        )
 
 
 def write_array(
@@ -120,7 +151,7 @@ def write_array(
         key = shard_key(name, array, where)
         file = sequence.place(key)
         made = _missing_folders(file)
-        with refusals(file, data[of].nbytes):
+        with refusals(file, data[of].nbytes), _system_errors(file):
             file.unlink(missing_ok=True)
             (array if data[of].any() else _open(sequence, name, "r+", OF_ZEROS))[into] = data[of]
         files.append(_record(sequence, key, made))
@@ -224,6 +255,7 @@ def read_array(
     Raises:
         ShardMissing, ShardCorrupt: also when a checksum inside a shard does not match, the array ends before the span
             does, or it would be read from other files than `files`: one that is not there would be read as zeros.
+        OSError: where the disk cannot be read.
     """
     files = tuple(files)
     verify_files(sequence, files)
@@ -246,7 +278,8 @@ def read_array(
             f" `posegaussian verify --sequence {sequence.name} --repair` has the next run make it anew"
         )
     try:
-        return np.asarray(array[index])
+        with _system_errors(sequence.place(name)):
+            return np.asarray(array[index])
     except (ValueError, RuntimeError) as e:
         raise ShardCorrupt(
             f"array {name} of sequence {sequence.name}, frames {span.start}..{span.stop - 1} (counted from 0), view"

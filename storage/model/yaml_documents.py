@@ -30,6 +30,10 @@ MOST_NODES = 30_000
 """Nodes of a document with what its aliases stand for; ruamel.yaml reads about as many in two seconds."""
 
 
+_COLON = "mapping values are not allowed here"
+"""What ruamel.yaml says of a colon after a value, such as that of an open range, `range: 100:`."""
+
+
 class _BoundedComposer(Composer):
     """ruamel.yaml's composer, with bounds."""
 
@@ -161,7 +165,8 @@ def parse(reading: Callable[[str], Any], path: str | Path, what: str = "file") -
     except MarkedYAMLError as e:
         mark = e.problem_mark or e.context_mark
         at = f"{path}:{mark.line + 1}:{mark.column + 1}" if mark else str(path)
-        raise SourceError(f"{at}: not valid YAML: {e.problem or e}") from e
+        advice = "; put a text that holds a colon in quotes" if e.problem == _COLON else ""
+        raise SourceError(f"{at}: not valid YAML: {e.problem or e}{advice}") from e
     except (YAMLError, ValueError, KeyError, TypeError, OverflowError) as e:
         raise SourceError(f"{path}: not valid YAML: {' '.join(str(e).split())}") from e
     except RecursionError as e:

@@ -292,6 +292,27 @@ def test_faults_inside_overrides_have_their_own_place_and_only_theirs(tmp_path: 
     assert len(faults(tmp_path, "depth: {pairs: 9}\nsequences: {a: {smoothing: {omega: 0.5}}}")) == 1
 
 
+@pytest.mark.parametrize("text", ["100:", ":100", "::2", "10::", " 100: ", "0:"])
+def test_open_ended_ranges_are_set_as_they_are_written(tmp_path: Path, text: str) -> None:
+    assert load(tmp_path, "", f"frames.range={text}").default.frames.range == text.strip()
+
+
+def test_a_range_that_is_none_is_told_as_one(tmp_path: Path) -> None:
+    assert faults(tmp_path, "", "frames.range=-1:") == [
+        "--set frames.range: range '-1:': start and stop must not be negative and the stride at least 1"
+    ]
+    (line,) = faults(tmp_path, "frames:\n  range: 1:\n")
+    assert line.startswith("own.yaml:2:11: not valid YAML: mapping values are not allowed here")
+    assert line.endswith("; put a text that holds a colon in quotes")
+
+
+def test_settings_under_a_name_with_brackets_are_for_that_sequence(tmp_path: Path) -> None:
+    c = load(tmp_path, "sequences: {'walk[a]': {depth: {pairs: 1}}, 'kick[12]': {depth: {pairs: 2}}}")
+    assert c.for_sequence("walk[a]").depth.pairs == 1
+    assert c.for_sequence("kick2").depth.pairs == 2
+    assert c.idle(["walk[a]", "kick1"]) == []
+
+
 def test_duplicate_keys_and_broken_yaml_stop_before_anything_else(tmp_path: Path) -> None:
     assert faults(tmp_path, "depth: {pairs: 1}\ndepth: {pairs: 2}\n") == [
         "own.yaml:2:1 depth: given twice, first at own.yaml:1:1"

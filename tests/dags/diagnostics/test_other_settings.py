@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from posegaussian.dags.config.settings import load_configuration
+from posegaussian.dags.diagnostics import other_settings
 from posegaussian.dags.diagnostics.other_settings import made_otherwise
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.storage.archive.store import Archive
@@ -39,6 +40,18 @@ def test_what_differs_is_named_and_the_option_given_asks_for_what_the_last_run_m
     assert option == "--config"
     session = replace(logged.session, configuration=load_configuration(Path(file)))
     assert session.plan(NAME, Selection()).all_fresh
+
+
+def test_settings_of_a_run_are_read_once_for_all_that_it_worked_on(
+    logged: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read: list[Path] = []
+    monkeypatch.setattr(
+        other_settings, "load_configuration", lambda file: read.append(file) or load_configuration(file)
+    )
+    other_settings._settings.cache_clear()
+    assert said(logged) == said(logged) != []
+    assert len(read) == 1
 
 
 def test_nothing_is_said_where_nothing_is_made_anew(logged: Pipeline) -> None:

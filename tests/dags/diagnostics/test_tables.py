@@ -7,7 +7,12 @@ import re
 import pytest
 from rich.console import Console
 
+from posegaussian.dags.diagnostics.run_log import FailedTask, failed_table
 from posegaussian.dags.diagnostics.tables import MARKS, status_tables
+from posegaussian.dags.maintenance import garbage_collection
+from posegaussian.dags.planning.tasks import Task
+from posegaussian.dags.runtime.events import TaskFailed
+from posegaussian.dags.runtime.failures import failures_table
 from posegaussian.stages.registry import STAGES
 
 COUNTS = {"all": 128, "done": 96, "failed": 3, "blocked": 12, "warned": 17, "stale": 0, "undecided": 0, "dropped": 0}
@@ -36,3 +41,18 @@ def test_a_wide_terminal_needs_one_table() -> None:
     standings = {"kick": {s.name: dict(COUNTS) for s in STAGES}}
     assert len(status_tables(standings, 400)) == 1
     assert len(status_tables(standings, 80)) > 1
+
+
+def test_names_in_brackets_are_shown_as_they_are() -> None:
+    name, camera = "b[red]x", "cam[bold]1"
+    task = Task(name, "frames", 0, 0, None)
+    item = garbage_collection.Deletable("stages", name, "frames", 1, "nothing", lambda: None)
+    console = Console(width=200)
+    with console.capture() as captured:
+        console.print(failed_table([FailedTask(task, "no disk", "2026-01-01T00:00:00", "run")]))
+        console.print(failures_table([TaskFailed(task, "no disk", "")], [], {name: (camera,)}))
+        console.print(garbage_collection.table([item]))
+        for table in status_tables({name: {s.name: dict(COUNTS) for s in STAGES}}, 400):
+            console.print(table)
+    assert captured.get().count(name) == 4
+    assert captured.get().count(camera) == 1

@@ -14,7 +14,7 @@ from posegaussian.dags.maintenance.verify import verify
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.runtime.run_registry import folder
 from posegaussian.dags.session.session import Session
-from posegaussian.storage.archive import integrity
+from posegaussian.storage.archive import integrity, ledger
 from posegaussian.storage.archive.lease import Lease
 from posegaussian.storage.archive.receipts import ReceiptKey, lease_file
 from posegaussian.storage.model.errors import ArchiveError, LeaseHeld, ShardCorrupt
@@ -53,6 +53,23 @@ def test_an_undisturbed_archive_has_no_fault(archive: Pipeline) -> None:
     status, said = say(archive)
     assert status == 0, said
     assert "no faults" in said
+
+
+def test_a_damaged_ledger_is_named_and_a_repair_writes_it_anew(archive: Pipeline) -> None:
+    file = ledger.rebuild(archive.session.archive)
+    whole = file.read_bytes()
+    file.write_bytes(whole[:-9])
+    assert archive.session.history.timed, "who plans goes on with what the receipts say"
+    status, said = say(archive)
+    assert status == 1
+    assert f"{file} is damaged or no ledger" in said
+    assert "--repair writes it anew at once" in said
+    assert file.read_bytes() == whole[:-9]
+    status, said = say(archive, repair=True)
+    assert status == 1
+    assert "; written anew" in said
+    assert file.read_bytes() == whole
+    assert say(archive)[0] == 0
 
 
 def test_harmed_shards_are_named_and_after_a_repair_only_their_tasks_are_made_anew(

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from rich.console import Console
@@ -18,7 +19,10 @@ from posegaussian.dags.diagnostics.run_log import RunLog
 from posegaussian.dags.importing.register import find_capture, register
 from posegaussian.dags.maintenance import garbage_collection
 from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.runtime import run_registry
 from posegaussian.dags.runtime.events import RunEnded, RunStarted
+from posegaussian.dags.runtime.run_registry import Presence
+from posegaussian.dags.runtime.work_order import RunTerms
 from posegaussian.dags.session.session import Session
 from posegaussian.dags.simulation.shipped import scene_file
 from posegaussian.dags.simulation.simulate import film, read_scene, stage_scene
@@ -128,6 +132,45 @@ def test_a_disk_that_fills_up_in_mid_run_ends_with_the_table(
     assert not list((archive.root / NAME).rglob("*.partial"))
     archive.run()
     assert_same_content(content(archive), content(finished))
+
+
+def test_a_disk_that_turns_read_only_in_mid_run_ends_with_the_table(
+    archive: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import posegaussian.stages.depth.run as depth
+
+    refused = OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    def from_now_on(inputs: object, params: object) -> None:
+        for module, name in ((lease, "_create"), (os, "unlink"), (os, "rename"), (os, "replace")):
+            monkeypatch.setattr(module, name, Mock(side_effect=refused))
+        monkeypatch.setattr(write.os, "fsync", Mock(side_effect=refused))
+        raise refused
+
+    monkeypatch.setattr(depth, "run", from_now_on)
+    forced, out = Selection(start="depth"), io.StringIO()
+    session = Session(archive.configuration, str(archive.root), Console(file=out, width=200))
+    assert session.run_and_report([archive.plan(selection=forced)], forced) == 1
+    monkeypatch.undo()
+    assert "what failed" in out.getvalue()
+    assert "failed, " in out.getvalue().splitlines()[-1]
+    archive.run()
+
+
+def test_what_a_killed_run_left_on_a_disk_that_is_read_only_stays(
+    archive: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sequence, there = archive.context().sequence, run_registry.folder(archive.context().sequence)
+    left = Presence.of(sequence, RunTerms("killed"))
+    run_registry.count_on(sequence, RunTerms("killed"), {})
+    os.write(left.lease.last_words(), b"killed")
+    with monkeypatch.context() as m:
+        m.setattr(os, "unlink", Mock(side_effect=OSError(errno.EROFS, os.strerror(errno.EROFS))))
+        run_registry.sweep(sequence, RunTerms("next"))
+    assert len(list(there.iterdir())) == 2
+    run_registry.sweep(sequence, RunTerms("next"))
+    assert not list(there.iterdir())
+    left.drop()
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs the device that is always full")

@@ -3,6 +3,7 @@ nobody's arrays are pulled away."""
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import os
@@ -12,27 +13,36 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
+from unittest.mock import Mock
 
 import pytest
 from rich.console import Console
 
 from posegaussian.dags.planning.plan import Plan, State
 from posegaussian.dags.planning.selection import Selection
-from posegaussian.dags.runtime import entering, run_registry
+from posegaussian.dags.planning.tasks import Task
+from posegaussian.dags.runtime import entering, run_registry, scheduler
 from posegaussian.dags.runtime.events import Event, Notice, TaskDone, TaskFailed, TaskFresh
 from posegaussian.dags.runtime.executors.serial import SerialBackend
+from posegaussian.dags.runtime.failures import Kind
+from posegaussian.dags.runtime.leases import HeldTasks
 from posegaussian.dags.runtime.ordering import counted_on
 from posegaussian.dags.runtime.run_registry import folder
 from posegaussian.dags.runtime.scheduler import Run
-from posegaussian.dags.runtime.work_order import RunTerms
+from posegaussian.dags.runtime.work_order import RunTerms, WorkOrder
 from posegaussian.dags.session.session import Session
-from posegaussian.storage.archive.lease import Lease, read_lease
+from posegaussian.storage.archive.lease import Holder, Lease, read_lease
 from posegaussian.storage.archive.receipts import ReceiptKey, lease_file
-from posegaussian.storage.model.errors import ArchiveError
-from tests.support.pipeline import NAME, Pipeline, assert_same_content, content, ended
+from posegaussian.storage.model.errors import ArchiveError, NotWritten
+from tests.support.pipeline import NAME, Pipeline, assert_same_content, content, ended, receipts
+from tests.support.sample_captures import make_sequence
 
 DEPTH = Selection(start="depth")
+KEY = ReceiptKey("depth", 1, None, None)
 
 
 @pytest.fixture
@@ -105,6 +115,23 @@ def test_what_another_run_holds_is_waited_for_by_name_and_done_when_it_is_free(
     assert (TaskDone, "rendering", 1) in settled
     assert (ended(events).failed, ended(events).blocked) == (0, 0)
     assert_same_content(content(archive), content(finished))
+
+
+def test_a_lease_from_the_future_that_nobody_renews_frees_its_task_for_any_worker(tmp_path: Path) -> None:
+    sequence = make_sequence(tmp_path)
+    file, order = lease_file(sequence, KEY), SimpleNamespace(root=sequence.root, key=KEY)
+    later = time.time() + 7200
+    holder = Holder("0" * 32, "ahead", "main", "elsewhere", "another boot", 7, 1.0, later, later + 0.3, "", 0.3)
+    file.parent.mkdir(parents=True)
+    file.write_text(json.dumps(asdict(holder)) + "\n")
+    held = HeldTasks(60.0)
+    held.add(Task("person", *KEY), (0, 0), cast(WorkOrder, order), holder)
+    looked, freed = time.monotonic(), []
+    while not freed:
+        assert time.monotonic() < looked + 30
+        freed = list(held.freed())
+    assert time.monotonic() > looked + 0.3
+    assert not file.exists(), "a worker, which has not waited, takes it"
 
 
 def test_ctrl_c_ends_a_wait(archive: Pipeline) -> None:
@@ -316,6 +343,55 @@ def test_arrays_are_not_replaced_under_another_run(
     (refused,) = failures(events)
     assert "must be replaced for these settings, but run the-other-run" in refused.error
     assert ended(events).done == 0
+
+
+@pytest.fixture
+def waiting(archive: Pipeline) -> Pipeline:
+    """Settings for which arrays are replaced, of stages that wait for the survey, which is yet to be taken."""
+    return archive.with_settings("frames.size=32", "views.trust=auto")
+
+
+@pytest.mark.parametrize("by", ["another run", "the disk"])
+def test_a_run_that_gets_no_arrays_once_the_survey_is_through_ends_there(
+    archive: Pipeline, waiting: Pipeline, monkeypatch: pytest.MonkeyPatch, by: str
+) -> None:
+    """What is there belongs to whoever made it: of the other run not one receipt goes."""
+    before, kept = content(archive), receipts(archive)
+    sequence = archive.context().sequence
+    if by == "the disk":
+        full = NotWritten(errno.ENOSPC, "cannot write frames/color: the disk is full")
+        monkeypatch.setattr(scheduler, "make_arrays", Mock(side_effect=full))
+    with Lease.take(folder(sequence) / "the-other-run.lease", "the-other-run", "driver") as other:
+        run_registry.count_on(sequence, RunTerms("the-other-run"), counted_on(archive.plan()))
+        if by == "the disk":
+            other.drop()
+        events = waiting.run(expect_failure=True)
+    (refused,) = failures(events)
+    if by == "the disk":
+        assert "the disk is full" in refused.error
+    else:
+        assert "must be replaced for these settings, but run the-other-run" in refused.error
+        assert refused.kind == Kind.HELD.value
+    assert refused.details == ""
+    done = {e.task.stage for e in events if isinstance(e, TaskDone)}
+    assert done == {"survey"}
+    assert ended(events).blocked == sum(t.stage != "survey" for t in waiting.plan().verdicts) - 1
+    assert kept.items() <= receipts(archive).items()
+    assert_same_content(content(archive, ("survey",)), {k: v for k, v in before.items() if not k.startswith("survey")})
+
+
+def test_a_task_whose_array_another_run_replaced_removes_no_receipt_of_that_run(
+    archive: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before, kept = content(archive), receipts(archive)
+    monkeypatch.setattr(entering, "prepare", lambda plan: None)  # as if they had been made, and then replaced again
+    events = archive.with_settings("frames.size=32").run(expect_failure=True)
+    assert {f.task.stage for f in failures(events)} == {"frames", "pose"}
+    for f in failures(events):
+        assert "another run with other settings replaced it" in f.error
+        assert f.details == ""
+    assert receipts(archive) == kept
+    assert_same_content(content(archive), before)
 
 
 def test_two_runs_of_settings_for_which_arrays_are_replaced_share_the_work(archive: Pipeline) -> None:

@@ -9,11 +9,12 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
 
-from posegaussian.storage.archive.lease import LENGTH, Lease, living, read_lease
+from posegaussian.storage.archive.lease import LENGTH, Holder, Lease, living, read_lease
 from posegaussian.storage.model.errors import LeaseHeld, LeaseLost
 
 
@@ -107,6 +108,40 @@ def test_a_dead_process_of_another_host_or_boot_is_waited_for(file: Path) -> Non
         file.write_bytes(json.dumps(holder).encode().ljust(LENGTH))
         with pytest.raises(LeaseHeld):
             Lease.take(file, "next")
+
+
+def from_the_future(file: Path, seconds: float, ahead: float = 7200) -> None:
+    """The lease of a machine whose clock is ahead."""
+    now = time.time() + ahead
+    holder = Holder("0" * 32, "ahead", "main", "elsewhere", "another boot", 7, 1.0, now, now + seconds, "", seconds)
+    file.parent.mkdir(exist_ok=True)
+    file.write_bytes(json.dumps(asdict(holder)).encode().ljust(LENGTH - 1) + b"\n")
+
+
+@pytest.mark.parametrize("lives", [False, True])
+def test_a_lease_from_the_future_has_ended_when_nobody_renews_it(file: Path, lives: bool) -> None:
+    from_the_future(file, 0.4)
+    with pytest.raises(LeaseHeld, match=r"run ahead, .* its clock is 7200 s ahead of this one"):
+        Lease.take(file, "next")
+    for _ in range(3):
+        time.sleep(0.2)
+        if lives:
+            from_the_future(file, 0.4)
+    if lives:
+        with pytest.raises(LeaseHeld):
+            Lease.take(file, "next")
+    else:
+        Lease.take(file, "next").drop()
+        assert list(file.parent.iterdir()) == []
+
+
+def test_a_lease_whose_clock_is_ahead_by_less_than_it_holds_is_waited_for(file: Path) -> None:
+    from_the_future(file, 0.4, ahead=0.3)
+    with pytest.raises(LeaseHeld) as held:
+        Lease.take(file, "next")
+    assert "ahead of" not in str(held.value)
+    time.sleep(0.8)
+    Lease.take(file, "next").drop()
 
 
 def test_a_process_number_given_anew_is_another_process(file: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -92,6 +93,33 @@ def test_a_rebuilt_ledger_equals_the_receipts(tmp_path: Path) -> None:
     before = file.read_bytes()
     file.unlink()
     assert ledger.rebuild(archive).read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    "harm",
+    [
+        lambda data: b"",
+        lambda data: data[: len(data) // 2],
+        lambda data: bytes(len(data)),
+        lambda data: data[:4] + bytes(len(data) // 2) + data[4 + len(data) // 2 :],
+        lambda data: b"null",
+    ],
+    ids=["emptied", "cut", "zeros", "zeros inside", "no Parquet"],
+)
+def test_a_damaged_ledger_is_told_and_answers_as_a_new_one(tmp_path: Path, harm: Callable[[bytes], bytes]) -> None:
+    archive, _ = make_archive(tmp_path)
+    log(archive, "a", failed("depth", 7, "2026-01-02T00:00:00.000+00:00"))
+    file = ledger.rebuild(archive)
+    rows, lost, whole = ledger.read(archive), ledger.failed(archive), file.read_bytes()
+    assert ledger.faults(archive) == []
+    file.write_bytes(harm(whole))
+    (told,) = ledger.faults(archive)
+    assert f"{file} is damaged or no ledger (" in told
+    assert "the next run writes it anew" in told
+    assert ledger.read(archive) == rows
+    assert ledger.failed(archive) == lost != []
+    assert ledger.rebuild(archive).read_bytes() == whole
+    assert ledger.faults(archive) == []
 
 
 def test_rows_have_the_declared_columns_and_the_facts(tmp_path: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import resource
 import tempfile
 import threading
 import time
@@ -9,18 +11,21 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
+from unittest.mock import Mock
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+import zarr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from posegaussian.dags.runtime.failures import Kind, classify
 from posegaussian.storage.archive import store
 from posegaussian.storage.archive.receipts import Output
 from posegaussian.storage.archive.shards import read_array, read_frames, write_array, write_table
 from posegaussian.storage.archive.store import SequenceGroup
-from posegaussian.storage.model.errors import ShardCorrupt, ShardMissing, UserError
+from posegaussian.storage.model.errors import NotWritten, ShardCorrupt, ShardMissing, UserError
 from posegaussian.storage.model.spec import LISTED, ArraySpec, TableSpec, content_digest
 from posegaussian.storage.model.timegrid import TimeGrid
 from tests.support.sample_captures import make_sequence
@@ -271,6 +276,37 @@ def test_a_shard_of_zeros_is_corrupt(damaged: tuple[SequenceGroup, np.ndarray, O
     path.write_bytes(bytes(path.stat().st_size))
     with pytest.raises(ShardCorrupt):
         read_frames(sequence, DEPTH.name, outputs, GRID, range(4), 0)
+
+
+def test_a_system_that_takes_no_more_bytes_of_a_shard_is_a_sentence(
+    damaged: tuple[SequenceGroup, np.ndarray, Outputs],
+) -> None:
+    """The compiled library says it in its own way, which is that of damage."""
+    sequence, values, _ = damaged
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (300, before[1]))
+    try:
+        with pytest.raises(
+            NotWritten, match=r"cannot write .*c\.0\.0\.0\.0: it is larger than files may become"
+        ) as told:
+            write_array(sequence, DEPTH, "", GRID.bounds(0), 0, 0, values[:4, 0])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert told.value.errno == errno.EFBIG
+
+
+@pytest.mark.parametrize(("said", "number"), [("Input/output error", errno.EIO), ("Stale file handle", errno.ESTALE)])
+def test_a_disk_that_stumbles_over_a_shard_is_no_damage(
+    damaged: tuple[SequenceGroup, np.ndarray, Outputs], monkeypatch: pytest.MonkeyPatch, said: str, number: int
+) -> None:
+    sequence, values, outputs = damaged
+    with monkeypatch.context() as patch:
+        patch.setattr(zarr.Array, "__getitem__", Mock(side_effect=RuntimeError(f"{said} (os error {number})")))
+        with pytest.raises(OSError) as told:
+            read_frames(sequence, DEPTH.name, outputs, GRID, range(4), 0)
+    assert told.value.errno == number
+    assert classify(told.value) is Kind.TRANSIENT
+    np.testing.assert_array_equal(read_frames(sequence, DEPTH.name, outputs, GRID, range(4), 0), values[:4, 0])
 
 
 def test_a_partition_without_a_receipt_is_missing_even_if_its_shard_is_there(
