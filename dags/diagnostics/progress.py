@@ -229,7 +229,8 @@ class WarningCollector:
         elif isinstance(event, TaskFailed):
             self.failures.append(event)
         elif isinstance(event, TaskBlocked):
-            why = "failed" if any(f.task == event.by for f in self.failures) else "is stale and left out by --only"
+            left = f"is stale and left out by --only: add --only {event.by.stage}"
+            why = "failed" if any(f.task == event.by for f in self.failures) else left
             self.blocked[event.by, why].append(event.task)
 
     def warning_sentences(self) -> list[str]:

@@ -147,9 +147,11 @@ def source_spans(context: Context, task: Task) -> dict[str, range]:
 
 
 def path_frames(context: Context, task: Task) -> range:
-    """Frames over which a task sees its camera path: its partition and the halo of its reads."""
+    """Frames of which a task may see its camera path: its partition's, and those of what it reads along the path. The
+    halo of any other array is none of the path's."""
     assert task.partition is not None, f"{task.stage} runs over paths but not over time"
-    spans = [context.grid.bounds(task.partition), *(i.span for i in inputs(context, task) if len(i.span))]
+    along = (i for i in inputs(context, task) if i.read.along_path)
+    spans = [context.grid.bounds(task.partition), *(i.span for i in along)]
     return range(min(s.start for s in spans), max(s.stop for s in spans))
 
 

@@ -56,6 +56,7 @@ def make_order(context: Context, book: Book, task: Task, parts: dict[str, Any], 
         path_name=task.path,
         scope=scope,
         late=context.late,
+        path=_path_seen(context, task),
         path_text=context.paths[task.path].text if task.path is not None else None,
         readings=readings,
         shape=context.shape(task.path),
@@ -86,7 +87,7 @@ def scope_of(context: Context, task: Task) -> TaskScope:
         rig=context.rig_of(stage_named(task.stage)),
         source_rig=context.source_rig if stage_named(task.stage).trust is None else context.capture.rig,
         captured_to_calibrated=context.captured_to_calibrated,
-        path=_path(context, task),
+        path=None if task.path is None else context.paths[task.path].slice(own),
         facts=context.facts,
         joint_set=context.joint_set,
         rate=float(context.capture.frame_rate),
@@ -94,12 +95,12 @@ def scope_of(context: Context, task: Task) -> TaskScope:
     )
 
 
-def _path(context: Context, task: Task) -> CameraPath | None:
-    """The camera path over the frames the task sees."""
+def _path_seen(context: Context, task: Task) -> tuple[int, CameraPath] | None:
+    """(first frame index, camera path from there on) of all frames of which the task may see its path."""
     if task.path is None:
         return None
     span = path_frames(context, task)
-    return context.paths[task.path].slice(slice(span.start, span.stop))
+    return span.start, context.paths[task.path].slice(slice(span.start, span.stop))
 
 
 def needed_arrays(plan: Plan) -> Iterator[tuple[ArraySpec, dict[str, int], str]]:

@@ -12,6 +12,7 @@ from posegaussian.dags.planning.fingerprint import PlannedAsset
 from posegaussian.dags.planning.task_cost import Load
 from posegaussian.stages.contract.io import TaskScope
 from posegaussian.storage.archive.receipts import ReceiptKey, ShardFile
+from posegaussian.storage.model.cameras import CameraPath
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,8 @@ class WorkOrder:
     """What the kernel is told."""
     late: tuple[int, ...]
     """Frames by which each view is late."""
+    path: tuple[int, CameraPath] | None
+    """First frame index of the partition and of what is read along the path, and from there on the target cameras."""
     path_text: str | None
     """What the path was asked for as."""
     readings: dict[str, ArrayReading]

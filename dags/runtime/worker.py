@@ -31,6 +31,7 @@ from posegaussian.dags.runtime.timeout import overran, time_limit
 from posegaussian.dags.runtime.work_order import ArrayReading, WorkOrder
 from posegaussian.stages.contract.declaration import Stage, resolve
 from posegaussian.stages.contract.io import Block
+from posegaussian.stages.contract.path_inputs import PathInputs
 from posegaussian.stages.contract.timing import TimedInputs
 from posegaussian.stages.registry import ASSETS
 from posegaussian.stages.registry import stage as stage_named
@@ -46,6 +47,7 @@ from posegaussian.storage.archive.receipts import (
 )
 from posegaussian.storage.archive.shards import read_array, require_array, write_array, write_table
 from posegaussian.storage.archive.store import SequenceGroup
+from posegaussian.storage.model.cameras import CameraPath
 from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.errors import ArchiveError, OtherCode
 from posegaussian.storage.model.spec import ArraySpec, TableSpec, digest
@@ -57,7 +59,7 @@ def _capture(root: Path, stamp: int, late: tuple[int, ...]) -> Capture:
     return SequenceGroup(root).capture.in_step(late)
 
 
-class StoreInputs(TimedInputs):
+class StoreInputs(PathInputs, TimedInputs):
     """What a task sees of an archive."""
 
     def __init__(self, order: WorkOrder) -> None:
@@ -88,6 +90,17 @@ class StoreInputs(TimedInputs):
         span, first = self.span(array), self._order.footage[0]
         own = slice(span.start - first, span.stop - first)
         return self._order.footage[1][own], self._order.footage[2][own]
+
+    def path_over(self, array: str) -> CameraPath:
+        """The target cameras of the frames `span(array)`, of a declared array along the task's path."""
+        along = [name for name in self._order.readings if "{path}" in name]
+        if self._order.path is None or array not in along:
+            raise KeyError(
+                f"{self._order.stage} reads no {array} along its path under these settings; it reads"
+                f" {', '.join(along) or 'nothing there'}"
+            )
+        (first, path), span = self._order.path, self.span(array)
+        return path.slice(slice(span.start - first, span.stop - first))
 
     def read(
         self, array: str, view: int | None = None, frames: range | None = None, first: int | None = None

@@ -107,6 +107,11 @@ class Read:
         """A source of the capture: pictures, masks, joints, joints3d, depth or depth_maps; or the pose estimator."""
         return cls(kind, views=views, halo=halo, when=when, is_source=True)
 
+    @property
+    def along_path(self) -> bool:
+        """Whether it is an array of the task's camera path."""
+        return "{path}" in self.array
+
     def halo_for(self, params: Any, facts: Facts) -> tuple[int, int]:
         """(before, after) in frames."""
         return self.halo(params, facts) if callable(self.halo) else self.halo

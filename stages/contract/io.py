@@ -127,8 +127,8 @@ class TaskScope:
     captured_to_calibrated: np.ndarray
     """[V, 3] (scale, dx, dy): a captured pixel x is the calibrated pixel scale x + (dx, dy)."""
     path: CameraPath | None
-    """Target cameras over the partition and the halo of its reads, for a task over a path: frames of `span` of what
-    it reads."""
+    """Target cameras of the partition's frames, whatever halo is read, for a task over a path; over a halo they are
+    asked for by array (`posegaussian.stages.contract.path_inputs`)."""
     facts: Facts
     """What the capture has, the names of the effects that are on and of the optional stages that are needed, and of a
     sequence-wide stage's outputs those that are asked for (`posegaussian.stages.contract.facts`)."""

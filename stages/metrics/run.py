@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from posegaussian.stages.contract.io import Block, Inputs
+from posegaussian.stages.contract.io import Block
+from posegaussian.stages.contract.path_inputs import PathInputs
 from posegaussian.stages.metrics.measures.declaration import Metric, Pictures, Unavailable, Value
 from posegaussian.stages.metrics.measures.registry import METRICS
 from posegaussian.stages.metrics.params import MetricsParams
@@ -29,7 +30,7 @@ Values = dict[tuple[str, str], Value]
 """{(region, measure): value}."""
 
 
-def run(inputs: Inputs, params: MetricsParams) -> Iterator[Block]:
+def run(inputs: PathInputs, params: MetricsParams) -> Iterator[Block]:
     """Yield one table: the measures asked for of every held-out camera and frame, regions full, box and mask.
 
     Both pictures are premultiplied on black: the truth is its picture times its own soft mask, so that the background
@@ -40,9 +41,7 @@ def run(inputs: Inputs, params: MetricsParams) -> Iterator[Block]:
     value, whose definition says what. Pixels in which the subject stands behind something, as the source views say, do
     not count (`posegaussian.stages.silhouettes.hidden`); the rows' definition and a note tell.
     """
-    path = inputs.path
-    assert path is not None, "metrics run over a camera path"
-    span = inputs.span("rendering/{path}/color")
+    path, span = inputs.path_over("rendering/{path}/color"), inputs.span("rendering/{path}/color")
     halo = inputs.partition.start - span.start
     rendered = inputs.read("rendering/{path}/color")
     table: dict[str, list[Any]] = {name: [] for name in COLUMNS}

@@ -164,7 +164,7 @@ def rig_notes(rig: Rig) -> list[str]:
     if len(apart):
         notes.append(f"cameras lie {apart[0]:.3g} to {apart[-1]:.3g} m apart")
     else:
-        notes.append("one camera only: depth needs a second view, so only stages that work on one view give results")
+        notes.append("one camera only: depth is a relief from its mask, or your own depth maps")
     far = np.ptp(rig.centres, axis=0).max()
     if far > _FAR:
         unit = unit_of(float(apart[-1])) or "metres?"

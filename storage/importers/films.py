@@ -37,12 +37,12 @@ def video_streams(videos: Mapping[str, Path], frame_rate: float | None) -> tuple
     if frame_rate is None and rates[high] > rates[low] * (1 + _RATE_TOLERANCE):
         raise SourceError(
             f"camera {high} runs at {rates[high]:g} frames/s and camera {low} at {rates[low]:g}; frame n must be one"
-            " instant: give all one rate, or set frame_rate"
+            " instant: convert all videos to one rate, or, where the files say it wrongly, set frame_rate"
         )
     rate = frame_rate or rates[high]
     if rate <= 0:
         raise SourceError(f"video {opened[high].path} gives no frame rate; set frame_rate")
-    notes = _drift(rates) if frame_rate is None else []
+    notes = _drift(rates, frame_rate)
     return streams, rate, notes + [said for n, v in opened.items() for said in _unsteady(n, v, rate)]
 
 
@@ -72,16 +72,49 @@ def with_dropped(capture: Capture) -> Capture:
     return replace(capture, **kinds, notes=(*capture.notes, *notes))  # type: ignore[arg-type]
 
 
-def _drift(rates: Mapping[str, float]) -> list[str]:
-    """The sentence about cameras whose rates differ so much that they part."""
+def as_filmed(capture: Capture) -> list[str]:
+    """Sentences about what a video says of itself and pictures do not show: that rows are two instants, and that
+    pixels are not square."""
+    videos = {
+        name: VideoFile(s.files[0].path)
+        for name, s in zip(capture.rig.names, capture.pictures, strict=True)
+        if s.kind == "video"
+    }
+    notes = []
+    if fields := [n for n, v in videos.items() if v.interlaced]:
+        notes.append(
+            f"interlaced: {', '.join(fields)}; odd and even rows are two instants, unless they were filmed as one:"
+            " where edges of what moves are combed, deinterlace all cameras alike (ffmpeg -i IN -vf"
+            " bwdif=mode=send_frame OUT)"
+        )
+    for name, v in videos.items():
+        if v.square_size != v.size:
+            stored, shown = ("x".join(map(str, size)) for size in (v.size, v.square_size))
+            notes.append(
+                f"camera {name}: its pixels are not square, so players show {stored} px as {shown} px; pictures are"
+                " taken as they are stored, as the calibration must be"
+            )
+    return notes
+
+
+def _drift(rates: Mapping[str, float], given: float | None) -> list[str]:
+    """The sentence about cameras whose rates differ so much that they part; with a rate that is `given`, so much that
+    without it they would be refused."""
     low, high = min(rates.values()), max(rates.values())
-    if high <= low * (1 + SAME_RATE):
+    if high <= low * (1 + (SAME_RATE if given is None else _RATE_TOLERANCE)):
         return []
     each = {f"{r:.4g}": [n for n in rates if f"{rates[n]:.4g}" == f"{r:.4g}"] for r in sorted(rates.values())}
     told = ", ".join(f"{rate} frames/s of {', '.join(names)}" for rate, names in each.items())
+    apart = float(f"{1 / (high - low):.3g}")
+    next_step = "convert all videos to one rate, or, where the files say it wrongly, set frame_rate"
+    if given is not None:
+        next_step = (
+            f"frame_rate={given:g} is right where the files say it wrongly; where they do not, convert all videos to"
+            " one rate"
+        )
     said = (
-        f"rates differ: {told}; slowest and fastest are a frame apart after {1 / (high - low):.1f} s, and frame n is"
-        " taken as one instant: convert all videos to one rate, or, where the files say it wrongly, set frame_rate"
+        f"rates differ: {told}; slowest and fastest are a frame apart after {apart:g} s, and frame n is taken as"
+        f" one instant: {next_step}"
     )
     return [said]
 

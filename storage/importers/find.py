@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from posegaussian.storage.importers.account import accounted
 from posegaussian.storage.importers.cameras import without_skew
-from posegaussian.storage.importers.films import are_counted, with_dropped
+from posegaussian.storage.importers.films import are_counted, as_filmed, with_dropped
 from posegaussian.storage.importers.letterbox import fitted
 from posegaussian.storage.importers.masks import unread_masks
 from posegaussian.storage.importers.recognise import explained, fitting, recognised
@@ -57,6 +57,7 @@ def find_capture(layout: str, source: str | Path, options: Mapping[str, Any]) ->
         capture = replace(capture, notes=(f"layout: {importer.name}", *capture.notes))
     rig, said = without_skew(capture.rig)
     known = fitted(replace(capture, rig=rig, notes=(*capture.notes, *said)), checked.crops)
+    known = replace(known, notes=(*known.notes, *as_filmed(known)))
     if are_counted(known):
         known = in_step(known if importer.timed else with_dropped(known), checked.timecode == "ignore")
     return _with_roles(accounted(known, importer.by_definition), checked.held_out)

@@ -8,6 +8,7 @@ guessed.
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -15,10 +16,11 @@ from typing import NamedTuple
 import numpy as np
 
 from posegaussian.storage.importers.common import whole_scale
-from posegaussian.storage.model.capture import Capture
+from posegaussian.storage.model.capture import Capture, Stream
 from posegaussian.storage.model.crop import Crop, crop_settings
 from posegaussian.storage.model.errors import CalibrationError
 from posegaussian.storage.readers.sources import open_source
+from posegaussian.storage.readers.video import VideoFile
 
 LOOKED_AT = 7
 """Frames of a camera in which bars are looked for."""
@@ -90,7 +92,7 @@ def fitted(capture: Capture, given: Mapping[str, Crop]) -> Capture:
         if len(fits) == 1:
             found[name] = fits[0]
             continue
-        what, guesses = _left_open(calibrated, stream.size, border, fits)
+        what, guesses = _not_square(stream) or _left_open(calibrated, stream.size, border, fits)
         faults.append(
             f"camera {name}: pictures are {_size(stream.size)} px,"
             f" the calibration is for {_size(calibrated)} px; {what}"
@@ -229,6 +231,20 @@ def _apart(a: Crop, b: Crop, captured: Size) -> float:
     """Calibrated px between what two crops make of a corner of the picture, at most."""
     corners = np.array([[0, 0], [captured[0], 0], [0, captured[1]], captured], float)
     return float(np.abs(corners * a.scale + a.offset - corners * b.scale - b.offset).max())
+
+
+def _not_square(stream: Stream) -> tuple[str, list[Fit]] | None:
+    """Why a video's pictures have another shape than their calibration, where its pixels are not square; then no crop
+    helps."""
+    if stream.kind != "video" or (shown := VideoFile(stream.files[0].path).square_size) == tuple(stream.size):
+        return None
+    width, height = shown
+    place = shlex.quote(stream.files[0].path)
+    said = (
+        f"the video's pixels are not square, and players show it as {_size(shown)} px: write it so, and its masks:"
+        f" ffmpeg -i {place} -vf scale={width}:{height},setsar=1 OUT"
+    )
+    return said, []
 
 
 def _left_open(calibrated: Size, captured: Size, border: Border, fits: Sequence[Fit]) -> tuple[str, list[Fit]]:

@@ -17,7 +17,7 @@ from posegaussian.storage.importers.numbering import as_numbered, told
 from posegaussian.storage.importers.posed_pictures import Files
 from posegaussian.storage.model.capture import Stream
 from posegaussian.storage.model.errors import SourceError
-from posegaussian.storage.model.masks import ROUND, rim_share
+from posegaussian.storage.model.masks import FOREGROUND, ROUND, foreground, rim_share
 from posegaussian.storage.readers import images
 from posegaussian.storage.readers.video import VIDEO_SUFFIXES
 
@@ -65,8 +65,8 @@ def mask_file_streams(
     streams, sizes = _sized(names, fitting, pictures)
     notes += sizes
     notes += gap_notes(names, streams, [s.numbers for s in pictures], "masks")
-    kind, more = _of_values(names, streams, labels)
-    return tuple(replace(s, options=dict(kind)) for s in streams), [*notes, *more]
+    kinds, more = _of_values(names, streams, labels)
+    return tuple(replace(s, options=dict(k)) for s, k in zip(streams, kinds, strict=True)), [*notes, *more]
 
 
 def masks_beside(root: Path, images_root: Path, camera: str, pictures: Files) -> dict[int, Path]:
@@ -150,15 +150,17 @@ def _sized(
     return streams, notes
 
 
-def _of_values(names: Sequence[str], streams: Sequence[Stream], labels: bool) -> tuple[dict[str, bool], list[str]]:
-    """(how the values of masks are read, notes), by a few masks of every view. Raises SourceError for masks of which
-    none holds anything."""
-    largest, rims = {}, []
+def _of_values(
+    names: Sequence[str], streams: Sequence[Stream], labels: bool
+) -> tuple[list[dict[str, bool]], list[str]]:
+    """(how the values of every view's masks are read, notes), by a few masks of each. Raises SourceError for masks of
+    which none holds anything, and where no camera's hold any white."""
+    values, rims = {}, []
     for name, stream in zip(names, streams, strict=True):
         masks = [images.read_mask(f.path) for f in stream.files[:: max(1, len(stream.files) // _LOOKED_AT)]]
-        largest[name] = max(int(m.max()) for m in masks)
-        rims.append(float(np.mean([rim_share(m > largest[name] // 2) for m in masks])))
-    empty = [n for n, most in largest.items() if not most]
+        values[name] = {int(v) for m in masks for v in np.flatnonzero(np.bincount(m.ravel()))} - {0}
+        rims.append(float(np.mean([rim_share(m > max(values[name], default=0) // 2) for m in masks])))
+    empty = [n for n, held in values.items() if not held]
     if len(empty) == len(streams) and not any(images.read_mask(f.path).any() for s in streams for f in s.files):
         raise SourceError(
             f"masks hold nothing: all are 0 throughout, such as {streams[0].files[0].path}; write the subject white"
@@ -169,12 +171,64 @@ def _of_values(names: Sequence[str], streams: Sequence[Stream], labels: bool) ->
         notes.append(
             f"masks of {', '.join(empty)} hold nothing in the frames looked at: is the subject not seen there?"
         )
-    kind = {"labels": True} if labels else {"zero_one": True} if max(largest.values()) == 1 else {}
     if labels:
-        notes.append("masks hold labels of body parts; whatever is not 0 is the subject")
-    elif kind:
-        notes.append("masks hold only 0 and 1; they are read as 0 and 255")
-    return kind, notes + _of_rims(dict(zip(names, rims, strict=True)))
+        kinds = [{"labels": True}] * len(names)
+        told = ["masks hold labels of body parts; whatever is not 0 is the subject"]
+    else:
+        kinds, told = _spread(values, streams)
+    return kinds, [*notes, *told, *_of_rims(dict(zip(names, rims, strict=True)))]
+
+
+def _spread(values: Mapping[str, set[int]], streams: Sequence[Stream]) -> tuple[list[dict[str, bool]], list[str]]:
+    """(what makes white of the subject, notes) for every view, by the values other than 0 in those of its masks that
+    were looked at: {camera: values}. One value below white is the subject, as 1 and other labels are; several are a
+    soft rim or noise, which count as nothing. Raises SourceError where no mask holds anything else."""
+    of = dict(zip(values, streams, strict=True))
+    dark = {n: held for n, held in values.items() if held and max(held) <= FOREGROUND}
+    label = {n: min(held) for n, held in dark.items() if len(held) == 1}
+    alike = len(set(label.values())) == 1 and len(label) == sum(bool(held) for held in values.values())
+    if not alike:  # unlike other cameras', so it may as well be what noise left where nobody is seen
+        label = {n: v for n, v in label.items() if _is_patch(of[n], v)}
+    faint = [n for n in dark if n not in label]
+    shown = any(held and n not in faint for n, held in values.items())
+    if faint and not shown and not any(_has_white(s) for s in streams):
+        raise SourceError(
+            f"masks of {', '.join(faint)} hold values up to {max(max(dark[n]) for n in faint)}, such as"
+            f" {of[faint[0]].files[0].path}, and none above {FOREGROUND}, from where on it is the subject; write the"
+            " subject as 255 (of labels: mogrify -threshold 0 FILES makes white of whatever is not 0)"
+        )
+    notes = []
+    for value in sorted(set(label.values())):
+        whose = "" if alike else f" of {', '.join(n for n in label if label[n] == value)}"
+        how = "they are read as 0 and 255" if value == 1 else "whatever is not 0 is read as the subject"
+        notes.append(f"masks{whose} hold only 0 and {value}; {how}")
+    if faint and shown:
+        notes.append(
+            f"masks of {', '.join(faint)} hold nothing above {FOREGROUND} in the frames looked at, so nobody is seen"
+            " there; the subject is 255"
+        )
+    kinds = {n: {"zero_one": True} if v == 1 else {"labels": True} for n, v in label.items()}
+    # A camera that sees nobody in the frames looked at is read as all the others are.
+    common = next(iter(kinds.values())) if alike else {}
+    return [kinds.get(n, {} if held else common) for n, held in values.items()], notes
+
+
+def _is_patch(stream: Stream, value: int) -> bool:
+    """Whether all masks of a view hold 0 and one value alone, and that in patches, as a subject, not in specks."""
+    inner = whole = 0
+    for file in stream.files:
+        mask = images.read_mask(file.path)
+        held = mask > 0
+        if (mask[held] != value).any():
+            return False
+        beside = held[:-2, 1:-1] & held[2:, 1:-1] & held[1:-1, :-2] & held[1:-1, 2:]
+        inner, whole = inner + int((held[1:-1, 1:-1] & beside).sum()), whole + int(held.sum())
+    return 2 * inner >= whole
+
+
+def _has_white(stream: Stream) -> bool:
+    """Whether any mask of a view holds the subject."""
+    return any(foreground(images.read_mask(f.path)).any() for f in stream.files)
 
 
 def _of_rims(rims: Mapping[str, float]) -> list[str]:

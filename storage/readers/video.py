@@ -51,6 +51,10 @@ class _Index:
     """As the property of `VideoFile`."""
     timecode: str | None
     """As the file has it."""
+    square_size: tuple[int, int]
+    """As the property of `VideoFile`."""
+    interlaced: bool
+    """As the property of `VideoFile`."""
 
 
 class VideoFile:
@@ -98,6 +102,17 @@ class VideoFile:
     def timecode(self) -> str | None:
         """The first frame's timecode as the file has it, of a tmcd track or a tag; None where it has none."""
         return self._index.timecode
+
+    @property
+    def square_size(self) -> tuple[int, int]:
+        """(width, height) px as players show it: `size`, unless the file says that its pixels are not square."""
+        return self._index.square_size
+
+    @property
+    def interlaced(self) -> bool:
+        """Whether odd and even rows of its first frame are stored as two fields, which are two instants where they
+        were filmed so."""
+        return self._index.interlaced
 
     def read(self, numbers: Sequence[int] | np.ndarray) -> Iterator[np.ndarray]:
         """[h, w, 3] uint8 sRGB for each of the strictly ascending frame indices, decoded as they are asked for.
@@ -186,7 +201,7 @@ def _scan(path: str, size: int, mtime_ns: int) -> _Index:
                 last = max(last, (p.dts if p.pts is None else p.pts) or 0)
         base = float(stream.time_base)
         rate, guessed = stream.average_rate or stream.guessed_rate, stream.guessed_rate
-        timecode = _timecode(container, stream)
+        timecode, aspect = _timecode(container, stream), float(stream.sample_aspect_ratio or 1)
         # AVI counts time in frames, and promises those, too, that were dropped: nothing is stored of them.
         held = last + 1 if container.format.name == "avi" else len(packets)
     if corrupt or held < promised:
@@ -203,7 +218,10 @@ def _scan(path: str, size: int, mtime_ns: int) -> _Index:
             raise SourceError(f"no frame of video {path} can be decoded")
         turns = _quarter_turns(frame, path)
         _to_rgb(frame, turns, Path(path))
-    shown = (frame.height, frame.width) if turns % 2 else (frame.width, frame.height)
+    wide = round(frame.width * aspect)  # scaling to whole px leaves aspects beside 1, which mean nothing
+    square = (frame.width if abs(wide - frame.width) <= 1 else wide, frame.height)
+    shown = (frame.width, frame.height)
+    shown, square = (shown[::-1], square[::-1]) if turns % 2 else (shown, square)
     times = sorted(p[0] for p in packets if p[0] is not None)
     exact = len(set(times)) == len(packets)
     place = {t: i for i, t in enumerate(times)}
@@ -223,6 +241,8 @@ def _scan(path: str, size: int, mtime_ns: int) -> _Index:
         seconds,
         periods,
         timecode,
+        square,
+        bool(frame.interlaced_frame),
     )
 
 

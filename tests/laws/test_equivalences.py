@@ -38,6 +38,7 @@ def test_partitions_with_halo_equal_the_whole_sequence(length: int, finished: Pi
         ("frames.matte=plate", "depth.method=truth"),
         ("frames.matte=person",),
         ("frames.matte=none",),
+        ("effects.pose_blending=on", "depth.method=hull", "rendering.paths=[orbit]"),
     ],
     ids=", ".join,
 )

@@ -12,6 +12,7 @@ import numpy as np
 from posegaussian.stages.contract.declaration import Params, Stage, resolve
 from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.contract.io import Block, TaskScope, Views
+from posegaussian.stages.contract.path_inputs import PathInputs
 from posegaussian.stages.contract.timing import TimedInputs
 from posegaussian.storage.model.cameras import CameraPath, Rig
 from posegaussian.storage.model.spec import LISTED, ArraySpec
@@ -42,7 +43,7 @@ NEEDING_THE_SURVEY = {
 """Effects that read an array of the survey, or follow from one that does."""
 
 
-class MemoryInputs(TimedInputs):
+class MemoryInputs(PathInputs, TimedInputs):
     """Arrays are whole sequences, [F, V, ...] or [F, ...]; the partition and halo are cut here as the runner does."""
 
     def __init__(
@@ -64,11 +65,13 @@ class MemoryInputs(TimedInputs):
         captured_to_calibrated: np.ndarray | None = None,
         effects: frozenset[str] | None = None,
     ) -> None:
-        """Of one task. `effects`: those that are on; None: all the stage declares that need no array of the survey."""
+        """Of one task. `path`: of the whole sequence. `effects`: those that are on; None: all the stage declares that
+        need no array of the survey."""
         on = {e.name for e in stage.effects} - NEEDING_THE_SURVEY if effects is None else effects
         crops = np.tile([1.0, 0.0, 0.0], (len(rig), 1)) if captured_to_calibrated is None else captured_to_calibrated
         self.stage, self.params, self.arrays, self.frames, self.sources = stage, params, arrays, frames, sources or {}
         self.valid_all = np.ones((frames, len(rig)), bool) if valid_all is None else valid_all
+        self.whole_path = path
         numbers, valid = np.asarray(partition), self.valid_all[list(partition)]
         super().__init__(
             TaskScope(
@@ -81,7 +84,7 @@ class MemoryInputs(TimedInputs):
                 rig=rig,
                 source_rig=source_rig or rig,
                 captured_to_calibrated=crops,
-                path=path,
+                path=None if path is None else path.slice(slice(partition.start, partition.stop)),
                 facts=Facts(facts | on),
                 joint_set=joint_set,
             )
@@ -101,6 +104,11 @@ class MemoryInputs(TimedInputs):
     def footage(self, array: str) -> tuple[np.ndarray, np.ndarray]:
         span = self.span(array)
         return np.asarray(span), self.valid_all[span.start : span.stop]
+
+    def path_over(self, array: str) -> CameraPath:
+        assert self.whole_path is not None, "a task along a path"
+        span = self.span(array)
+        return self.whole_path.slice(slice(span.start, span.stop))
 
     def read(
         self, array: str, view: int | None = None, frames: range | None = None, first: int | None = None

@@ -28,10 +28,11 @@ def write_clip(
     timecode: str | None = None,
     times: Sequence[int] | None = None,
     unit: Fraction | None = None,
+    aspect: Fraction | None = None,
     **options: Any,
 ) -> Path:
     """Encode frames as they are: no colour conversion happens. `times` are when they are shown, in units of `unit`
-    seconds; by default frame after frame."""
+    seconds; by default frame after frame. `aspect` is a pixel's width over its height."""
     with av.open(str(path), "w") as container:
         if timecode is not None:
             container.metadata["timecode"] = timecode
@@ -39,6 +40,8 @@ def write_clip(
         if unit is not None:
             stream.time_base = stream.codec_context.time_base = unit
         stream.width, stream.height, stream.pix_fmt = frames[0].width, frames[0].height, frames[0].format.name
+        if aspect is not None:
+            stream.codec_context.sample_aspect_ratio = aspect
         for name, value in (tags or {}).items():
             setattr(stream.codec_context, name, value)
         if rotation:

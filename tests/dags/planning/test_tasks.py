@@ -3,6 +3,7 @@ held-out pictures reach nobody but metrics."""
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -12,7 +13,17 @@ import pytest
 
 from posegaussian.dags.config.settings import Settings
 from posegaussian.dags.planning.context import Context, make_context
-from posegaussian.dags.planning.tasks import PRODUCERS, Product, Task, dependencies, inputs, producer, tasks
+from posegaussian.dags.planning.tasks import (
+    PRODUCERS,
+    Product,
+    Task,
+    dependencies,
+    inputs,
+    path_frames,
+    producer,
+    tasks,
+)
+from posegaussian.dags.runtime.ordering import scope_of
 from posegaussian.stages.registry import STAGES
 from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.archive.store import Archive
@@ -119,6 +130,31 @@ def test_an_input_covers_the_partition_and_its_halo(context: Context) -> None:
             assert i.span == context.grid.span(task.partition, halo)
             touched = {p.partition for p in i.products}
             assert {f // context.grid.length for f in i.span} == touched
+
+
+def test_a_task_sees_its_path_over_its_frames_and_over_what_it_reads_along_it_alone(tmp_path: Path) -> None:
+    """Frames of joints that are read beside the partition are none of the path's."""
+    context = make(tmp_path, effects={"pose_blending": "on"})
+    drawn, measured = (Task("kick", s, 1, None, next(iter(context.paths))) for s in ("rendering", "metrics"))
+    assert context.grid.bounds(1) == range(4, 8)
+    assert {i.name: i.span for i in inputs(context, drawn)}["pose/joints2d"] == range(8)
+    for task, seen in ((drawn, range(4, 8)), (measured, range(3, 8))):
+        assert path_frames(context, task) == seen
+        assert scope_of(context, task).path.served.shape[0] == 4  # type: ignore[union-attr]
+
+
+def test_the_stages_that_the_guide_names_are_enough_to_hear_who_there_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And none of them is too many: which way cameras stand, detection must know."""
+    monkeypatch.setattr("posegaussian.stages.detection.asset.blazepose_is_here", lambda: True)
+    guide = Path("docs/guide/pose.md").read_text()
+    (command,) = re.findall(r"`posegaussian run ((?:--only \w+ ?)+)`", guide)
+    context = make(tmp_path, joints=False, views={"held_out": ["cam02"]})
+    behind = {t for t in tasks(context) if t.stage == "tracks"}
+    while more := {d for t in behind for d in dependencies(context, t)} - behind:
+        behind |= more
+    assert {t.stage for t in behind} == set(command.replace("--only", "").split())
 
 
 def test_pictures_of_held_out_views_are_read_by_metrics_alone(context: Context) -> None:

@@ -203,5 +203,5 @@ def test_what_is_blocked_is_told_once_for_everything_it_waits_for() -> None:
     collector(TaskBlocked(Task("b", "smoothing", 0), left))
     assert collector.blocked_sentences({"b": ("cam00", "cam01")}) == [
         "blocked: b: 3 tasks of frames, depth: survey cam01 failed",
-        "blocked: b: 1 task of smoothing: pose p0000 is stale and left out by --only",
+        "blocked: b: 1 task of smoothing: pose p0000 is stale and left out by --only: add --only pose",
     ]

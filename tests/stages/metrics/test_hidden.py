@@ -31,9 +31,9 @@ def metrics(person: PersonCapture, post: bool) -> Block:
         mask[0, HELD_OUT, :, middle - 4 : middle + 4] = 0
     rendered = np.clip(person.color[:, [HELD_OUT]].astype(int) + noise, 0, 255).astype(np.uint8)
     arrays = {"frames/color": person.color, "frames/mask": mask, "rendering/{path}/color": rendered}
-    inputs = MemoryInputs(stage("metrics"), MetricsParams(), arrays, person.rig, views, range(1), 1)
     path = make_path("held_out", person.rig, views, np.arange(1))
-    (block,) = resolve(stage("metrics").run)(inputs.but(path=path), MetricsParams())
+    inputs = MemoryInputs(stage("metrics"), MetricsParams(), arrays, person.rig, views, range(1), 1, path=path)
+    (block,) = resolve(stage("metrics").run)(inputs, MetricsParams())
     return block
 
 

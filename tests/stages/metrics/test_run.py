@@ -48,7 +48,7 @@ def world() -> tuple[Rig, Views, CameraPath, dict[str, np.ndarray]]:
 def table(
     length: int = F, path: CameraPath | None = None, arrays: dict[str, np.ndarray] | None = None, **more: object
 ) -> dict[Row, float]:
-    """Rows by key, over partitions whose path is sliced to the frames they read."""
+    """Rows by key, over partitions."""
     rig, views, whole, given = world()
     path, given = path or whole, given | (arrays or {})
     rows: dict[Row, float] = {}
@@ -56,9 +56,8 @@ def table(
 
     for start in range(0, F, length):
         part = range(start, min(start + length, F))
-        inputs = MemoryInputs(stage("metrics"), MetricsParams(), given, rig, views, part, F, **more)  # type: ignore[arg-type]
-        span = inputs.span("rendering/{path}/color")
-        inputs = inputs.but(path=path.slice(slice(span.start, span.stop)))
+        own = (stage("metrics"), MetricsParams(), given, rig, views, part, F)
+        inputs = MemoryInputs(*own, path=path, **more)  # type: ignore[arg-type]
         for block in resolve(stage("metrics").run)(inputs, MetricsParams()):
             columns = ("camera", "frame", "region", "measure", "value")
             for *key, value in zip(*(block.data[c] for c in columns), strict=True):
@@ -111,12 +110,16 @@ def test_partitions_change_nothing(length: int) -> None:
     assert any(c == "mid1" and f == 3 and m == "delta_ssim" for c, f, _, m in missing)
 
 
-def test_unserved_frames_and_empty_masks() -> None:
+@pytest.mark.parametrize("length", [1, 3, F])
+def test_unserved_frames_and_empty_masks(length: int) -> None:
+    """Nor is there a change from an unserved frame, which may be the last of the partition before."""
     path = world()[2]
     served = path.served.copy()
     served[1, 0] = False
-    rows = table(path=dataclasses.replace(path, served=served))
+    rows = table(length, path=dataclasses.replace(path, served=served))
     assert not any(c == "mid0" and f == 1 for c, f, _, _ in rows)
+    assert {f for c, f, _, m in rows if (c, m) == ("mid0", "delta_ssim")} == set(range(3, F))
+    assert {f for c, f, _, m in rows if (c, m) == ("mid1", "delta_ssim")} == set(range(1, F))
     mask = world()[3]["frames/mask"]
     mask[0, 1] = 90
     rows = table(arrays={"frames/mask": mask})
@@ -175,7 +178,7 @@ def test_frames_that_nobody_is_in_are_told() -> None:
     arrays["frames/mask"][1, 1] = 0
     from tests.support.memory_inputs import MemoryInputs
 
-    inputs = MemoryInputs(stage("metrics"), MetricsParams(), arrays, rig, views, range(F), F).but(path=path)
+    inputs = MemoryInputs(stage("metrics"), MetricsParams(), arrays, rig, views, range(F), F, path=path)
     (block,) = resolve(stage("metrics").run)(inputs, MetricsParams())
     assert block.notes == (f"mid0: nobody is in 1 of {F} frames by its mask; they are not measured",)
     rows = list(zip(*(block.data[k] for k in ("camera", "frame", "measure")), strict=True))

@@ -45,7 +45,7 @@ def render(
     params: RenderingParams | None = None,
     **more: object,
 ) -> dict[str, np.ndarray]:
-    """Partition by partition, each with the path sliced to its frames."""
+    """Partition by partition, each a sequence of its own."""
     out: dict[str, list[np.ndarray]] = {COLOR: [], ALPHA: []}
     for start in range(0, 3, length):
         part = slice(start, min(start + length, 3))

@@ -319,9 +319,9 @@ def test_masks_under_the_pictures_names(base: Path, name: str) -> None:
         for n in range(3):
             path = base / "masks" / cam / name.format(f"{n:06d}.png")
             path.parent.mkdir(parents=True, exist_ok=True)
-            write_png(path, np.full((48, 64), 100 + 10 * n + v, np.uint8))
+            write_png(path, np.full((48, 64), 200 + 10 * n + v, np.uint8))
     masks = list(open_source(find(base), "masks").read(1, [0, 2]))
-    assert [int(m[0, 0]) for m in masks] == [101, 121]
+    assert [int(m[0, 0]) for m in masks] == [201, 221]
 
 
 def rewrite(file: str, old: str, new: str, count: int = -1):

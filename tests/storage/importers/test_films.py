@@ -116,6 +116,43 @@ def test_rates_at_which_cameras_part_are_said_with_when(tmp_path: Path) -> None:
     assert not said(find(tmp_path), "rates differ")
 
 
+def test_rates_far_apart_are_refused_and_an_option_does_not_hide_them(tmp_path: Path) -> None:
+    for name, rate in zip(NAMES, (15, 30, 15), strict=True):
+        counting_clip(tmp_path / f"{name}.mp4", 5, ring.SIZE, rate=rate)
+    kalibr(tmp_path)
+    with pytest.raises(SourceError, match=r"cam1 runs at 30 frames/s and camera cam0 at 15; .* convert all videos to"):
+        find(tmp_path)
+    capture = find(tmp_path, frame_rate=15)
+    (told,) = said(capture, "rates differ")
+    assert told.startswith(
+        "rates differ: 15 frames/s of cam0, cam2, 30 frames/s of cam1; slowest and fastest are a frame apart after"
+        " 0.0667 s"
+    )
+    assert "frame_rate=15 is right where the files say it wrongly; where they do not, convert all videos" in told
+    assert capture.frame_rate == 15
+
+
+def test_a_video_whose_rows_are_two_instants_is_named(tmp_path: Path) -> None:
+    for name in NAMES:
+        counting_clip(tmp_path / f"{name}.mp4", 3, ring.SIZE, **({"x264-params": "tff=1"} if name == "cam1" else {}))
+    kalibr(tmp_path)
+    (told,) = said(find(tmp_path), "interlaced")
+    assert told.startswith("interlaced: cam1; odd and even rows are two instants")
+    assert "deinterlace all cameras alike (ffmpeg -i IN -vf bwdif=mode=send_frame OUT)" in told
+
+
+def test_pixels_that_are_not_square_are_said_where_the_calibration_is_of_them(tmp_path: Path) -> None:
+    films(tmp_path, ".mp4", WHOLE)
+    width, height = ring.SIZE
+    film(tmp_path / "cam1.mp4", WHOLE, aspect=Fraction(4, 3))
+    capture = find(tmp_path)
+    assert capture.pictures[1].size == ring.SIZE
+    (told,) = said(capture, "not square")
+    assert f"camera cam1: its pixels are not square, so players show {width}x{height} px as" in told
+    film(tmp_path / "cam1.mp4", WHOLE, aspect=Fraction(1000, 1001))
+    assert not said(find(tmp_path), "not square"), "what scaling to whole pixels leaves is no aspect"
+
+
 def test_an_avi_that_is_cut_off_is_refused_whatever_it_dropped(tmp_path: Path) -> None:
     whole = film(tmp_path / "whole.avi", DROPPED)
     assert VideoFile(whole).count == len(DROPPED)

@@ -3,6 +3,7 @@ what bars and shapes tell is found, what they leave open is refused."""
 
 from __future__ import annotations
 
+from fractions import Fraction
 from pathlib import Path
 
 import cv2
@@ -114,14 +115,21 @@ def test_bars_in_a_picture_of_the_same_shape_leave_it_open() -> None:
     assert len(both) == 2
 
 
-def capture_of(folder: Path, size: tuple[int, int], at: tuple[int, int, int, int], **options: object) -> Capture:
+def capture_of(
+    folder: Path,
+    size: tuple[int, int],
+    at: tuple[int, int, int, int],
+    aspect: Fraction | None = None,
+    **options: object,
+) -> Capture:
     """A pose2sim folder whose cam2 was filmed at another size, in H.264; bars of a film have luma 16."""
     (folder / "videos").mkdir(exist_ok=True)
     for name in import_capture.NAMES:
-        shown = [scene(i, import_capture.SIZE)[..., 1] for i in range(4)]
+        shown, stretched = [scene(i, import_capture.SIZE)[..., 1] for i in range(4)], None
         if name == "cam2":
+            stretched = aspect
             shown = [np.maximum(filmed(size, at, scene(i, import_capture.SIZE))[..., 1], 16) for i in range(4)]
-        write_clip(folder / "videos" / f"{name}.mp4", [planes(s) for s in shown])
+        write_clip(folder / "videos" / f"{name}.mp4", [planes(s) for s in shown], aspect=stretched)
     write_calibration(folder)
     return find_capture("pose2sim", folder, options)
 
@@ -161,6 +169,15 @@ def test_what_is_refused_is_printed_with_settings_to_copy(tmp_path: Path) -> Non
     # A comment instead of the value is a setting, too.
     other = [line.replace("# cam2", "cam2") for line in copied if "scale: 1.06667" not in line]
     assert yaml.safe_load("\n".join(other)) == {"frames": {"crop": {"cam2": {"scale": 1, "offset": [2, 0]}}}}
+
+
+def test_pixels_that_are_not_square_are_named_and_no_crop_is_advised(tmp_path: Path) -> None:
+    """Neither width nor height alone would be right: the picture is stretched."""
+    with pytest.raises(CalibrationError) as refused:
+        capture_of(tmp_path, (48, 48), (0, 0, 48, 48), Fraction(4, 3))
+    assert "pixels are not square, and players show it as 64x48 px" in str(refused.value)
+    assert f"ffmpeg -i {tmp_path / 'videos' / 'cam2.mp4'} -vf scale=64:48,setsar=1 OUT" in str(refused.value)
+    assert "crop" not in str(refused.value)
 
 
 def test_a_turned_picture_is_named(tmp_path: Path) -> None:

@@ -283,6 +283,71 @@ def test_smaller_masks_of_0_and_1_are_spread_before_they_are_enlarged(tmp_path: 
     assert set(np.unique(read)) > {0, 255}
 
 
+def rewritten(base: Path, names: tuple[str, ...], change: Callable[[np.ndarray], np.ndarray]) -> Path:
+    """Masks of some cameras with other values in the place of 0 and 255."""
+    for name in names:
+        for path in (base / "masks" / name).iterdir():
+            write_png(path, change(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)).astype(np.uint8))
+    return base
+
+
+@pytest.mark.parametrize("value", [1, 2, 100])
+@pytest.mark.parametrize("names", [NAMES, NAMES[1:2]], ids=["all", "one"])
+def test_a_single_value_below_white_is_the_subject(tmp_path: Path, names: tuple[str, ...], value: int) -> None:
+    """In all cameras, or in one whose masks another program wrote; white is read as it is."""
+    rewritten(masks(folders(tmp_path)), names, lambda m: m // 255 * value)
+    capture = find(tmp_path)
+    check(capture, {0: 0, 2: 2})
+    assert {int(m.max()) for v in range(3) for m in open_source(capture, "masks").read(v, FRAMES)} == {255}
+    (told,) = said(capture, f"hold only 0 and {value}; ")
+    assert told.startswith("masks hold" if names == NAMES else f"masks of {names[0]} hold")
+
+
+def test_a_camera_without_the_subject_is_read_as_the_others_are(tmp_path: Path) -> None:
+    rewritten(masks(folders(tmp_path)), NAMES, lambda m: m // 255 * 2)
+    rewritten(tmp_path, NAMES[:1], np.zeros_like)
+    assert [s.options for s in find(tmp_path).masks if s] == [{"labels": True}] * 3
+
+
+def test_several_values_below_white_are_refused_where_nothing_is_white(tmp_path: Path) -> None:
+    def parts(mask: np.ndarray) -> np.ndarray:
+        return mask // 255 * (1 + np.arange(mask.shape[1]) % 3)
+
+    rewritten(masks(folders(tmp_path)), NAMES, parts)
+    with pytest.raises(UserError, match=r"hold values up to 3, such as .*000000\.png, and none above 127.*as 255"):
+        find(tmp_path)
+    rewritten(tmp_path, NAMES[1:], lambda m: (m > 0) * 255)
+    capture = find(tmp_path)
+    assert said(capture, f"masks of {NAMES[0]} hold nothing above 127 in the frames looked at, so nobody is seen there")
+    assert not any(m.any() and m.max() > 127 for m in open_source(capture, "masks").read(0, FRAMES))
+
+
+def test_a_soft_matte_that_is_dark_where_it_is_looked_at_stays_as_it_is(tmp_path: Path) -> None:
+    """The subject is a shadow in the frames looked at, and white in another."""
+    numbers = tuple(range(14))
+    masks(folders(tmp_path, numbers), numbers=numbers)
+    for name in NAMES:
+        for n in numbers:
+            soft = np.minimum(np.arange(64), 90)[None].repeat(48, axis=0) * (255 if n == 5 else 1)
+            write_png(tmp_path / "masks" / name / f"{n:06d}.png", np.minimum(soft, 255).astype(np.uint8))
+    capture = find(tmp_path)
+    assert [s.options for s in capture.masks if s] == [{}] * 3
+    assert not said(capture, "hold")
+
+
+def test_specks_that_noise_left_where_nobody_is_seen_are_no_subject(tmp_path: Path) -> None:
+    masks(folders(tmp_path))
+    specks = np.zeros((48, 64), np.uint8)
+    specks[::7, ::5] = 1
+    rewritten(tmp_path, NAMES[:1], lambda _: specks)
+    capture = find(tmp_path)
+    assert [s.options for s in capture.masks if s] == [{}] * 3
+    assert said(capture, f"masks of {NAMES[0]} hold nothing above 127")
+    late = rewritten(tmp_path, NAMES[:1], lambda _: np.zeros((48, 64)))  # white that comes later is no wrapped byte
+    write_png(late / "masks" / NAMES[0] / "000001.png", np.where(specks, 254, 0).astype(np.uint8))
+    assert max(int(m.max()) for m in open_source(find(late), "masks").read(0, FRAMES)) == 254
+
+
 def test_masks_of_one_camera_that_mark_the_background_are_named(tmp_path: Path) -> None:
     masks(folders(tmp_path))
     assert not said(find(tmp_path), "rim")

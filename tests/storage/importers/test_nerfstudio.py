@@ -143,10 +143,10 @@ def test_masks_and_depth_are_those_the_file_names(base: Path) -> None:
         f["mask_path"], f["depth_file_path"] = f"m/{at}.png", f"d/{at}.png"
         (base / "m").mkdir(exist_ok=True)
         (base / "d").mkdir(exist_ok=True)
-        write_png(base / "m" / f"{at}.png", np.full((48, 64), 100 + at, np.uint8))
+        write_png(base / "m" / f"{at}.png", np.full((48, 64), 200 + at, np.uint8))
         cv2.imwrite(str(base / "d" / f"{at}.png"), np.full((48, 64), 2000 + at, np.uint16))
     capture = find(write(base, data))
-    assert [int(m[0, 0]) for m in open_source(capture, "masks").read(1, [0, 1, 2])] == [101, 104, 107]
+    assert [int(m[0, 0]) for m in open_source(capture, "masks").read(1, [0, 1, 2])] == [201, 204, 207]
     depth = list(open_source(capture, "depth_maps").read(2, [0, 2]))
     np.testing.assert_allclose([d[0, 0] for d in depth], [2.002, 2.008], rtol=1e-6)  # float32
     scaled = find(base, scale=0.5)  # a thousandth of a unit that is half a metre

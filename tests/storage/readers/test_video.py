@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+
 import av
 import numpy as np
 import pytest
@@ -103,6 +105,17 @@ def test_rotation_of_the_display_matrix_is_applied(tmp_path, rotation):
     # PyAV, as FFmpeg, counts the display rotation counter-clockwise, and so does numpy.rot90
     np.testing.assert_array_equal(turned, np.rot90(flat, rotation // 90))
     assert video.size == (turned.shape[1], turned.shape[0])
+
+
+@pytest.mark.parametrize(("aspect", "square"), [("4/3", (85, 32)), ("8/9", (57, 32)), ("1/1", (64, 32))])
+@pytest.mark.parametrize("rotation", [0, 90])
+def test_the_size_with_square_pixels_is_that_of_a_player(tmp_path, aspect, square, rotation):
+    path = tmp_path / "a.mp4"
+    video = VideoFile(
+        write_clip(path, [planes(np.full((32, 64), 30, np.uint8))], rotation=rotation, aspect=Fraction(aspect))
+    )
+    assert video.size == ((32, 64) if rotation else (64, 32))
+    assert video.square_size == (square[::-1] if rotation else square)
 
 
 def test_other_display_matrices_are_refused(tmp_path):
