@@ -14,10 +14,13 @@ SMALLEST_PART = 0.02
 """Share of the foreground below which a part is no limb and a hole is no gap between limbs."""
 
 
-def plate_matte(picture: np.ndarray, plate: np.ndarray, spread: np.ndarray, threshold: float) -> np.ndarray:
+def plate_matte(
+    picture: np.ndarray, plate: np.ndarray, spread: np.ndarray, threshold: float, least: float = 0.0
+) -> np.ndarray:
     """Soft foreground [h, w] uint8 of one frame.
 
-    picture, plate [h, w, 3] uint8 sRGB; spread [h, w] uint8, the plate's median absolute deviation; threshold in 1/255.
+    picture, plate [h, w, 3] uint8 sRGB; spread [h, w] uint8, the plate's median absolute deviation; threshold in 1/255;
+    parts that cover less than `least` px are nobody's.
     A pixel is foreground when its `plate_distance` exceeds the threshold, raised by twice the spread (at most doubled),
     or half of it in contact with such pixels (Canny's hysteresis). A pixel whose background was never seen (spread 255)
     counts as half the threshold: a person nearly always stands there. What cannot be told: clothes that match the
@@ -29,7 +32,7 @@ def plate_matte(picture: np.ndarray, plate: np.ndarray, spread: np.ndarray, thre
     unseen = spread >= UNSEEN
     strong = cv2.morphologyEx((relative > 1.0).astype(np.uint8), cv2.MORPH_OPEN, _disc(1))
     mask = _connected(strong, ((relative > 0.5) | unseen).astype(np.uint8))
-    return _soft_edge(_clean(mask), np.where(unseen, limit, distance))
+    return _soft_edge(_clean(mask, least), np.where(unseen, limit, distance))
 
 
 def plate_distance(picture: np.ndarray, plate: np.ndarray, threshold: float) -> np.ndarray:
@@ -89,8 +92,9 @@ def _connected(strong: np.ndarray, weak: np.ndarray) -> np.ndarray:
     return kept[labels]
 
 
-def _clean(mask: np.ndarray) -> np.ndarray:
-    """Close cracks and small holes, drop speckles, keep the main part and what lies near it. [h, w] uint8 0 or 1."""
+def _clean(mask: np.ndarray, least: float) -> np.ndarray:
+    """Close cracks and small holes, drop speckles and what covers less than `least` px, keep the main part and what
+    lies near it. [h, w] uint8 0 or 1."""
     longest = max(mask.shape)
     mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, _disc(max(1, round(longest / 100))))
     mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, _disc(max(1, round(longest / 400))))
@@ -104,7 +108,7 @@ def _clean(mask: np.ndarray) -> np.ndarray:
     near = cv2.distanceTransform((labels != main).astype(np.uint8), cv2.DIST_L2, 5) <= 0.05 * longest
     kept = np.zeros(count, dtype=np.uint8)
     kept[np.unique(labels[near])] = 1
-    kept[areas < SMALLEST_PART * areas[main]] = 0
+    kept[areas < max(SMALLEST_PART * areas[main], least)] = 0
     return kept[labels]
 
 

@@ -19,10 +19,12 @@ from posegaussian.stages.frames.facts import (
     OUTLINE_CORRECTION,
     TONE_MAPPING,
 )
+from posegaussian.stages.frames.mask_doubts import doubts
 from posegaussian.stages.frames.params import FramesParams, resolve_matte
 from posegaussian.stages.frames.person_matte import person_matte
 from posegaussian.stages.frames.plate_matte import plate_matte
 from posegaussian.stages.frames.segmentation_prior import Hints
+from posegaussian.stages.geometry.subject import PERSON_RADIUS, STATURE, look_at_point
 from posegaussian.stages.imaging.averaging import averaged
 from posegaussian.stages.imaging.camera_mapping import switched
 from posegaussian.stages.imaging.color import gain_table, to_display, tone_mapped
@@ -31,11 +33,9 @@ from posegaussian.stages.imaging.noise import noise_at, size_worked_at
 from posegaussian.stages.imaging.outline import moved
 from posegaussian.stages.imaging.warp import Warp
 from posegaussian.storage.model.errors import SourceError
-from posegaussian.storage.model.masks import foreground
 
-NEARLY_EMPTY = 0.002
-"""Share of the picture below which a mask holds nobody."""
-NEARLY_FULL = 0.7
+LEAST_BODY = 0.05
+"""Share of what a person covers where the cameras look, below which a part that a plate alone tells of is nobody."""
 
 
 def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
@@ -85,7 +85,7 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
             cv2.LUT(picture, table, dst=picture)
     yield Block("frames/color", color, view)
     del color
-    yield Block("frames/mask", mask, view, notes)
+    yield Block("frames/mask", mask, view, (*notes, *doubts(mask, resolve_matte(params, inputs.facts))))
     del mask
     if TRUTH_DEPTH in inputs.facts:
         depth = _empty(inputs, (), np.float32)
@@ -136,15 +136,18 @@ def _fill_mask(
         return ()
     plate = _plate(inputs, warp) if matte == "plate" or SEVERAL_FRAMES in inputs.facts else None
     hints, unknown = Hints(inputs, params.hint_margin) if matte == "person" else None, 0
+    least = 0.0 if hints is None else LEAST_BODY * _body_area(inputs, warp.view)
     for frame in present:
         picture, found = np.ascontiguousarray(color[frame, :height, :width]), None
         if hints is not None:
+            if hints.hidden(warp.view, int(frame)):
+                continue
             found = person_matte(
                 picture, hints.known(warp.view, int(frame)), plate, params.plate_threshold, params.hint_margin
             )
             unknown += found is None
         if found is None and plate is not None:
-            found = plate_matte(picture, *plate, params.plate_threshold)
+            found = plate_matte(picture, *plate, params.plate_threshold, least)
         if found is not None:
             _place(mask[frame], np.minimum(found, warp.coverage))
     instead = "the background plate tells alone there" if plate is not None else "their masks are empty"
@@ -153,6 +156,14 @@ def _fill_mask(
         if unknown
         else ()
     )
+
+
+def _body_area(inputs: Inputs, view: int) -> float:
+    """Square px of frames/* that a standing person covers in a view where the source cameras look; 0 behind it."""
+    rig = inputs.rig
+    ahead = float(rig.rotations[view, 2] @ (look_at_point(rig.subset(inputs.views.sources)) - rig.centres[view]))
+    pixels = float(np.prod(rig.intrinsics[view, [0, 1], [0, 1]])) / ahead**2 if ahead > 0 else 0.0
+    return np.pi / 2 * PERSON_RADIUS * STATURE * pixels
 
 
 def _plate(inputs: Inputs, warp: Warp) -> tuple[np.ndarray, np.ndarray]:
@@ -222,8 +233,7 @@ def _same_size(warp: Warp, what: str, given: np.ndarray) -> None:
 
 
 def check(block: Block, params: FramesParams) -> list[str]:
-    """Warnings about masks that hold nobody or everything;
-    raises ValueError for a depth that is not finite or negative."""
+    """Raise ValueError for a depth that is not finite or negative."""
     if block.array in ("truth/depth", "frames/depth"):
         wrong = ~(np.isfinite(block.data) & (block.data >= 0))
         if wrong.any():
@@ -231,21 +241,4 @@ def check(block: Block, params: FramesParams) -> list[str]:
                 f"{block.array} of view {block.view}: {int(wrong.sum())} pixels hold {block.data[wrong][0]}; a depth is"
                 " finite and at least 0 m"
             )
-    if block.array != "frames/mask" or not len(block.data):
-        return []
-    share = foreground(block.data).mean(axis=(1, 2))
-    empty, full = int((share < NEARLY_EMPTY).sum()), int((share > NEARLY_FULL).sum())
-    warnings = []
-    if 2 * empty > len(share):
-        warnings.append(
-            f"view {block.view}: {empty} of {len(share)} masks hold less than {NEARLY_EMPTY:.1%} of the picture (frames"
-            " without a picture count too); a subject that stays in its place becomes part of the background plate:"
-            " set frames.matte: none, or import masks"
-        )
-    if params.matte in ("auto", "plate", "person") and full:
-        warnings.append(
-            f"view {block.view}: {full} of {len(share)} masks hold more than {NEARLY_FULL:.0%} of the picture; unless"
-            " frames.matte is none, the camera moves or the light changes and a background plate does not fit: set"
-            " frames.matte: none, or import masks"
-        )
-    return warnings
+    return []

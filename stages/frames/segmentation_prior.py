@@ -13,6 +13,7 @@ from posegaussian.stages.geometry.projection import pixel_centres, rays
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.imaging.camera_mapping import captured_positions, switched
 from posegaussian.stages.imaging.regions import to_own
+from posegaussian.stages.pose.facts import HIDDEN
 from posegaussian.stages.silhouettes.support import Fields, ray_support
 from posegaussian.storage.model.cameras import (
     Rig,
@@ -84,6 +85,10 @@ class Hints:
         assert self._inputs.joint_set is not None, "the person matte needs joints"
         alone = self._alone is not None and bool(self._alone[frame, 0])
         return Known(self.of_view(view, frame), joints, self._inputs.joint_set, possible, confirmed, alone)
+
+    def hidden(self, view: int, frame: int) -> bool:
+        """Whether somebody else hides the subject from a view."""
+        return view in self._chosen and int(self._chosen[view][frame]) == HIDDEN
 
     def of_view(self, view: int, frame: int, cell: int = 1) -> np.ndarray | None:
         """[h, w] float32 segmentation on a view's grid of `cell` px; negative where the estimator did not look, None

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.imaging.camera_mapping import distort, one_to_one
-from posegaussian.stages.inspection.finding import Finding, measured, unmeasured
+from posegaussian.stages.inspection.finding import COUNTED, Finding, FindingVerdict, measured, unmeasured
 from posegaussian.stages.inspection.footage import shared_numbers
 from posegaussian.storage.model.cameras import Rig
 
 DISPLACED = (0.1, 0.25)
 """Share of the longer side by which a lens moves a corner: a wide lens with 100 degrees makes a tenth; a quarter is
 mostly an error of the fit."""
+OFF = "principal point"
 OFF_CENTRE = (0.08, 0.2)
 """Share of the longer side by which the principal point is off the middle: sensors are mounted within a few percent;
 more is a crop that nobody noted."""
@@ -24,6 +28,8 @@ COVERED = (0.95, 0.8)
 """Share of the calibrated picture that the captured one fills after `frames.crop`; 0.96 is a letterbox of 4 %."""
 MISSING = (0.02, 0.2)
 """Share of the frames that a camera lacks."""
+LINES = ("epipolar distance", "agreement")
+"""Measures of whether what a camera shows lies where its calibration says."""
 FARTHEST = 9.99
 """Ways to a corner or border beyond which nobody asks how far."""
 
@@ -36,7 +42,7 @@ def of_lens(rig: Rig, view: int) -> list[Finding]:
     skewed = float(abs(k[0, 0] / k[1, 1] - 1))
     return [
         measured(
-            "principal point",
+            OFF,
             [name],
             off,
             "of the longer side",
@@ -58,6 +64,29 @@ def of_lens(rig: Rig, view: int) -> list[Finding]:
         _displacement(rig, view),
         _one_to_one(rig, view),
     ]
+
+
+def confirmed(findings: Sequence[Finding]) -> list[Finding]:
+    """The same findings; a principal point far off the middle is doubtful, not bad, where what its camera shows lies on
+    the lines of others: the pictures are a crop, and the calibration is of that crop."""
+    verdicts: dict[str, set[FindingVerdict]] = {}
+    for f in findings:
+        if f.measure in LINES and f.verdict in COUNTED:
+            for name in f.cameras:
+                verdicts.setdefault(name, set()).add(f.verdict)
+    fit = {name for name, found in verdicts.items() if found == {FindingVerdict.GOOD}}
+    return [_confirmed(f) if f.measure == OFF and fit.issuperset(f.cameras) else f for f in findings]
+
+
+def _confirmed(finding: Finding) -> Finding:
+    if finding.verdict is not FindingVerdict.BAD:
+        return finding
+    return replace(
+        finding,
+        verdict=FindingVerdict.DOUBTFUL,
+        sentence=f"{finding.sentence}, and what it shows lies on the lines of other cameras",
+        advice="nothing, where these pictures were cut out of larger ones and calibrated so",
+    )
 
 
 def _border(rig: Rig, view: int) -> np.ndarray:

@@ -33,6 +33,7 @@ ORDER = (
 IMPACT = (
     "picture size",
     "frames",
+    "somebody in sight",
     "aim",
     "agreement",
     "time offset",

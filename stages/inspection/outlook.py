@@ -12,6 +12,7 @@ from posegaussian.stages.contract.facts import JOINTS2D, JOINTS3D, SEGMENTED
 from posegaussian.stages.estimators.blazepose_files import FETCH
 from posegaussian.stages.geometry.pairs import PairVerdict
 from posegaussian.stages.inspection.finding import Finding, FindingVerdict, measured
+from posegaussian.stages.inspection.people import SIGHT
 from posegaussian.stages.inspection.planned import Planned
 
 MATTE = (0.93, 0.5)
@@ -42,6 +43,7 @@ COSTS = {
     ),
     "mask at the rim": "masks do not cut the subject out",
     "joints on masks": "masks are not the subject's",
+    SIGHT: "a camera in which nobody is found adds little",
     "matte": "mattes are not those of the figures",
     "partners": "cameras without a partner show the hull alone",
     "time offset": "cameras out of step blur what moves",
@@ -154,16 +156,24 @@ def _lowering(planned: Planned, findings: Sequence[Finding]) -> list[Finding]:
     ]
 
 
+def _untold(findings: Sequence[Finding]) -> str:
+    """That nothing is known of the cameras' timing, which would lower the pictures; empty where some of it is."""
+    verdicts = {f.verdict for f in findings if f.measure == "time offset"}
+    return "; whether the cameras are in step was not measured" if verdicts == {FindingVerdict.UNKNOWN} else ""
+
+
 def expected(planned: Planned, findings: Sequence[Finding]) -> str:
     """The tier in one sentence, with the figures of such a geometry and what lowers them here."""
     verdict = tier(planned, findings)
+    if any(f.measure == SIGHT and f.verdict is FindingVerdict.BAD for f in findings):
+        return "expected: nothing, as nobody was found in any picture that was looked at"
     if not planned.matches:
         return (
             f"expected: not measured for depth.method {planned.depth.method} and {len(planned.sources)} source"
             f" camera{'s' if len(planned.sources) > 1 else ''}; a single view: docs/guide/monocular.md"
         )
     lowered = dict.fromkeys(COSTS[f.measure] for f in _lowering(planned, findings))
-    less = f"; less here: {'; '.join(lowered)}" if lowered else ""
+    less = (f"; less here: {'; '.join(lowered)}" if lowered else "") + _untold(findings)
     if planned.gap is None:
         hull = (
             f"with the cameras all around, 45 to 60 degrees apart, it reached {HULL[1][1]:g} to {HULL[2][1]:g} dB in"

@@ -1,13 +1,14 @@
-"""How many people the pictures show: the pipeline reconstructs one."""
+"""Whom the pictures show: the pipeline reconstructs one person, and nothing of pictures without anybody."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from math import inf
 from typing import Any
 
 import numpy as np
 
-from posegaussian.stages.contract.facts import JOINTS2D
+from posegaussian.stages.contract.facts import JOINTS2D, JOINTS3D, MASKS
 from posegaussian.stages.contract.io import PictureReader
 from posegaussian.stages.estimators.blazepose_files import FETCH
 from posegaussian.stages.estimators.interface import Estimator
@@ -33,6 +34,14 @@ SURE = 0.6
 onlooker at least 0.69."""
 MOST = 6
 """People looked for in a picture."""
+SIGHT = "somebody in sight"
+OF_PICTURES = "of the pictures"
+SHOWN = (0.02, 0.01)
+"""Share of the pictures that show somebody: one of them is enough, as the subject may walk in and out."""
+SHOWN_BY_ONE = (SHOWN[0], -inf)
+"""The same of one camera; never bad, as others show the subject."""
+OTHERS = 2
+"""Cameras that show somebody, from which on one that shows nobody is odd."""
 PICTURES = 8
 """Pictures in which the estimator looks for people far smaller than the subject, which takes seconds each;
 one a camera."""
@@ -84,6 +93,8 @@ def of_people(footage: Footage, planned: Planned) -> list[Finding]:
         ]
     share = _crowded(counted)
     told = "one person at most in every picture that was looked at"
+    if not any(max(found, default=0) for found in counted.values()):
+        told = "nobody in the pictures in which people were counted"
     if several:
         seen = ", ".join(f"{footage.names[v]} up to {n}" for v, n in several.items())
         told = (
@@ -135,6 +146,56 @@ def _counted(footage: Footage) -> dict[int, list[int]]:
 def _crowded(counted: dict[int, list[int]]) -> float:
     """Share of the pictures with more than one person."""
     return float(np.mean([n > 1 for found in counted.values() for n in found] or [False]))
+
+
+def of_sight(footage: Footage) -> list[Finding]:
+    """One finding on all pictures that were looked at, and one on each believed camera that shows nobody while others
+    do; none where nothing could look, or where masks or joints in space tell of a subject that is no person."""
+    if {MASKS, JOINTS3D} & footage.facts:
+        return []
+    shown = dict(_shown(footage))
+    if not any(shown.values()):
+        return []
+    every = [s for found in shown.values() for s in found]
+    share, count = float(np.mean(every)), len(every)
+    told = f"{sum(every)} of {count} pictures that were looked at show somebody"
+    advice = (
+        "look at the pictures: wrong frames (frames.range), people too small (detection.zoom), pictures that lie on"
+        " their side, or cameras that look elsewhere; of a subject that is no person give masks"
+    )
+    if not share:
+        told = f"nobody was found in any of the {count} pictures that were looked at"
+    out = [measured(SIGHT, (), share, OF_PICTURES, *SHOWN, told, advice)]
+    for v, found in shown.items():
+        if found and not any(found) and sum(any(o) for o in shown.values()) >= OTHERS:
+            out.append(_blind(footage.names[v], len(found)))
+    return out
+
+
+def _blind(name: str, count: int) -> Finding:
+    told = f"nobody was found in its {count} pictures that were looked at, while other cameras show somebody"
+    advice = (
+        f"does {name} see the subject? If not, leave it out (views.sources); if so, people may be too small"
+        " (detection.zoom), or cut off"
+    )
+    return measured(SIGHT, (name,), 0.0, OF_PICTURES, *SHOWN_BY_ONE, told, advice)
+
+
+def _shown(footage: Footage) -> Iterator[tuple[int, list[bool]]]:
+    """Believed camera, and whether somebody is in each of its pictures that were looked at, by whoever looked: the
+    estimator where it is here, the joints that came with the capture."""
+    asked = {
+        "found": footage.looked_at,
+        "joints": footage.joint_numbers if JOINTS2D in footage.facts else [],
+    }
+    asked = {kind: numbers for kind, numbers in asked.items() if kind in footage.readers}
+    for v in footage.believed:
+        seen: dict[int, bool] = {}
+        for kind, numbers in asked.items():
+            for n in numbers:
+                if n in footage.numbers[v] and not seen.get(n, False):
+                    seen[n] = people(footage.source(kind).read(v, n)) > 0
+        yield v, list(seen.values())
 
 
 def people(joints: Any) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 
 from posegaussian.stages.geometry.sync import TimeOffsets
 from posegaussian.stages.imaging.small_turns import turned
-from posegaussian.stages.inspection.cameras import of_aim, of_frames, of_lens
+from posegaussian.stages.inspection.cameras import confirmed, of_aim, of_frames, of_lens
 from posegaussian.stages.inspection.finding import (
     TO_MEND,
     Finding,
@@ -23,7 +23,7 @@ from posegaussian.stages.inspection.light import of_clipping, of_light
 from posegaussian.stages.inspection.matching import Matched, matched_pairs, of_matches
 from posegaussian.stages.inspection.outlook import expected, of_cameras, of_matte, pair_lines
 from posegaussian.stages.inspection.pairs import Rectified, every_pair, of_pairs
-from posegaussian.stages.inspection.people import of_people
+from posegaussian.stages.inspection.people import of_people, of_sight
 from posegaussian.stages.inspection.planned import Planned
 from posegaussian.stages.inspection.subject import (
     of_focus,
@@ -154,12 +154,13 @@ def inspect(footage: Footage, sizes: list[Finding], planned: Planned) -> Report:
         *of_light(footage),
         *of_clipping(footage),
         *of_focus(footage),
+        *of_sight(footage),
         *of_people(footage, planned),
         of_matte(planned),
         of_cameras(planned),
         *of_pairs(planned, pairs),
     ]
-    findings = [left_out(f) if gone.intersection(f.cameras) else f for f in measured]
+    findings = [left_out(f) if gone.intersection(f.cameras) else f for f in confirmed(measured)]
     return Report(tuple(findings), tuple(pairs), tuple(found), offsets, planned, footage, tuple(turns))
 
 

@@ -11,13 +11,19 @@ from posegaussian.stages.contract.facts import ESTIMATED, JOINTS3D, SEGMENTED, S
 from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.geometry.points import NEAR, focus, project
 from posegaussian.stages.geometry.triangulation import unit_of
-from posegaussian.stages.pose.facts import POSE_HEATMAPS
+from posegaussian.stages.pose.facts import HIDDEN, POSE_HEATMAPS
 from posegaussian.stages.pose.heatmaps import draw, grid_of
 from posegaussian.stages.pose.jumps import jumps_told
 from posegaussian.stages.pose.model_maps import put_model_maps
 from posegaussian.stages.pose.params import PoseParams, uses_model_maps
 from posegaussian.stages.pose.subject_detections import joint_set_of, subject_told
-from posegaussian.stages.pose.subject_match import found_subject, held_subject, nobody_else
+from posegaussian.stages.pose.subject_match import (
+    found_subject,
+    held_subject,
+    hidden_subject,
+    hidden_told,
+    nobody_else,
+)
 from posegaussian.stages.pose.tracking import Followed, follow, swaps_told
 from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.joint_sets import to_set
@@ -43,8 +49,9 @@ def run(inputs: Inputs, params: PoseParams) -> Iterator[Block]:
     chosen = None
     if SEGMENTED in inputs.facts:
         by_joints = followed.chosen if ESTIMATED in inputs.facts else found_subject(inputs, joints2d, set_id)
-        alone = nobody_else(inputs, by_joints)
-        chosen = held_subject(inputs, by_joints, joints3d, alone)
+        hidden = hidden_subject(inputs, by_joints, joints3d, set_id)
+        alone = nobody_else(inputs, by_joints) & ~hidden.any(axis=1)
+        chosen = np.where(hidden, HIDDEN, held_subject(inputs, by_joints, joints3d, alone))
         yield Block("pose/alone", alone.astype(np.uint8)[:, None])
     unknown = () if in_one_picture(inputs.facts) else unknown_note("pose/joints3d", joints3d)
     yield Block("pose/joints3d", joints3d.astype(np.float32), notes=(*_told(inputs, params, followed), *unknown))
@@ -58,7 +65,7 @@ def run(inputs: Inputs, params: PoseParams) -> Iterator[Block]:
             notes=unknown_note("pose/joints2d", joints2d[:, v]) if told else (),
         )
         if chosen is not None:
-            yield Block("pose/chosen", chosen[:, v].astype(np.int32), v)
+            yield Block("pose/chosen", chosen[:, v].astype(np.int32), v, notes=hidden_told(chosen, v, inputs))
         if POSE_HEATMAPS not in inputs.facts:
             continue
         sigma = np.full(depth[:, v].shape, params.sigma)

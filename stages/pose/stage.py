@@ -24,7 +24,7 @@ def unneeded(params: PoseParams, facts: Facts) -> str | None:
 STAGE = Stage(
     name="pose",
     summary="Triangulate joints across views, mend swapped sides and gaps over time, encode heatmaps.",
-    version=4,
+    version=5,
     run="posegaussian.stages.pose.run:run",
     check="posegaussian.stages.pose.run:check",
     reads=(
@@ -67,7 +67,7 @@ STAGE = Stage(
             "int32",
             "1",
             "Which of the people of detection/* is the subject, by their joints or else by who is segmented where the"
-            " joints in space are seen; -1: none of them.",
+            " joints in space are seen; -1: none of them, -2: none, and somebody else hides the subject.",
             when=SEGMENTED,
         ),
         ArraySpec(
@@ -75,7 +75,7 @@ STAGE = Stage(
             ("frame", "one"),
             "uint8",
             "1",
-            "1 in frames in which nobody is followed but the subject, else 0.",
+            "1 in frames in which nobody but the subject is followed, and nobody hides the subject, else 0.",
             when=SEGMENTED,
         ),
     ),

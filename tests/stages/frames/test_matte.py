@@ -3,16 +3,17 @@
 import numpy as np
 import pytest
 
-from posegaussian.stages.contract.io import Block, Views
-from posegaussian.stages.frames.params import FramesParams
+from posegaussian.stages.contract.io import Views
+from posegaussian.stages.frames.mask_doubts import doubts
+from posegaussian.stages.frames.params import FramesParams, Matte
 from posegaussian.stages.frames.plate_matte import plate_distance, plate_matte
-from posegaussian.stages.frames.run import check
+from posegaussian.stages.frames.run import run as frames_in
 from posegaussian.stages.frames.stage import STAGE as FRAMES
 from posegaussian.stages.simulator.subjects.capsule_person import ring
 from posegaussian.stages.survey.params import SurveyParams
 from posegaussian.stages.survey.stage import STAGE as SURVEY
 from tests.support.frame_readers import Joints, Pictures, film, overlap, wall
-from tests.support.memory_inputs import run_stage
+from tests.support.memory_inputs import MemoryInputs, run_stage
 
 
 def _masks(pictures: np.ndarray, joints: np.ndarray | None = None) -> tuple[np.ndarray, list[str]]:
@@ -43,7 +44,7 @@ def _masks(pictures: np.ndarray, joints: np.ndarray | None = None) -> tuple[np.n
         FRAMES, FramesParams(matte="plate"), survey, rig, views, len(pictures), view=0, sources=sources, facts=facts
     )
     mask = out["frames/mask"][:, 0]
-    return mask, check(Block("frames/mask", mask, 0), FramesParams())
+    return mask, list(doubts(mask, "plate"))
 
 
 @pytest.mark.parametrize("view", [0, 2])
@@ -106,7 +107,37 @@ def test_a_plate_that_does_not_fit_is_warned_about() -> None:
             for p in picture
         ]
     )
-    assert "camera moves" in check(Block("frames/mask", mask, 0), FramesParams())[0]
+    assert "camera moves" in doubts(mask, "plate")[0]
+
+
+@pytest.mark.parametrize("matte", ["given", "person", "plate", "none"])
+def test_advice_is_for_the_matte_there_is(matte: Matte) -> None:
+    empty, full = np.zeros((3, 8, 8), np.uint8), np.full((3, 8, 8), 255, np.uint8)
+    (of_nobody,), of_all = doubts(empty, matte), doubts(full, matte)
+    assert ("import masks" in of_nobody) == (matte in ("person", "plate"))
+    assert ("is the subject seen by that camera" in of_nobody) == (matte in ("given", "person"))
+    assert bool(of_all) == (matte in ("person", "plate"))
+
+
+def test_masks_that_came_with_the_capture_and_hold_nothing_are_told_as_such() -> None:
+    rig = ring(1, 32, 0)
+    masks, pictures = (Pictures([list(np.zeros((3, *s), np.uint8))]) for s in ((32, 32), (32, 32, 3)))
+    inputs = MemoryInputs(
+        FRAMES,
+        FramesParams(),
+        {},
+        rig,
+        Views(rig.names, (0,), ()),
+        range(3),
+        3,
+        view=0,
+        sources={"pictures": pictures, "masks": masks},
+        facts=frozenset({"several_frames", "masks"}),
+    )
+    (told,) = (b.notes for b in frames_in(inputs, FramesParams()) if b.array == "frames/mask")
+    assert len(told) == 1
+    assert "3 of 3 masks hold less than" in told[0]
+    assert "came with the capture" in told[0]
 
 
 def test_distance_is_blind_to_shadows_and_sees_chromaticity() -> None:

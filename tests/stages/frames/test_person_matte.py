@@ -12,6 +12,7 @@ import pytest
 from posegaussian.stages.frames.params import FramesParams, better_matte, matte_choice
 from posegaussian.stages.frames.person_matte import Known, person_matte
 from posegaussian.stages.frames.stage import STAGE
+from posegaussian.stages.pose.facts import HIDDEN
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
 from posegaussian.storage.model.joint_sets import COCO17
 from tests.support.frame_readers import Pictures, overlap, wall
@@ -211,7 +212,7 @@ def run(
     pictures = Pictures([list(person.color[:, v]) for v in range(len(person.rig))])
     out = run_stage(
         STAGE,
-        FramesParams(matte="person"),
+        FramesParams(matte=more.pop("matte", "person")),
         arrays,
         person.rig,
         more.pop("roles", person.views),
@@ -278,6 +279,32 @@ def test_where_nobody_is_known_the_plate_tells_alone_and_says_so() -> None:
     )
     assert overlap(run(person, arrays, 0)[0], person.mask[0, 0]) > 0.85
     assert not run(person, arrays, 0, facts=FACTS - {"several_frames"}).any()
+
+
+def test_specks_are_nobody_where_nobody_is_known() -> None:
+    """A cable that moved, not the subject, who has left."""
+    person, walls = before_a_wall()
+    empty = walls[None].copy()
+    empty[:, :, 100:107, 60:67] = (250, 40, 40)
+    gone = replace(person, color=empty)
+    arrays = arrays_of(person, walls)
+    arrays["pose/chosen"] = np.full_like(arrays["pose/chosen"], -1)
+    for name in ("pose/joints2d", "pose/joints3d"):
+        arrays[name] = np.zeros_like(arrays[name])
+    assert not run(gone, arrays, 0).any()
+    assert run(gone, arrays, 0, matte="plate").any(), "where no joints are looked at it may be the subject"
+
+
+def test_a_view_from_which_somebody_hides_the_subject_holds_nothing_of_it() -> None:
+    person, walls = before_a_wall()
+    arrays = arrays_of(person, walls)
+    chosen = arrays["pose/chosen"] = arrays["pose/chosen"].copy()
+    chosen[:, 0] = -1
+    unknown = run(person, arrays, 1)
+    assert run(person, arrays, 0).any(), "of a view in which nobody was found joints tell"
+    chosen[:, 0] = HIDDEN
+    assert not run(person, arrays, 0).any()
+    np.testing.assert_array_equal(run(person, arrays, 1), unknown)
 
 
 def test_auto_takes_given_masks_then_the_person_then_a_plate() -> None:

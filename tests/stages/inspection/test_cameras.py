@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from posegaussian.stages.inspection.cameras import of_aim, of_frames, of_lens, of_sizes, size_unexplained
-from posegaussian.stages.inspection.finding import Finding, FindingVerdict
+from posegaussian.stages.inspection.cameras import confirmed, of_aim, of_frames, of_lens, of_sizes, size_unexplained
+from posegaussian.stages.inspection.finding import Finding, FindingVerdict, measured, unmeasured
 from tests.support.known_geometry import ring
 
 RIG = ring(4, (640, 480), 600.0)
@@ -29,6 +29,32 @@ def test_a_principal_point_of_another_size_is_bad() -> None:
     k = RIG.intrinsics.copy()
     k[1, :2, 2] *= 2
     assert named(of_lens(replace(RIG, intrinsics=k), 1), "principal point").verdict is FindingVerdict.BAD
+
+
+@pytest.mark.parametrize("by", ["epipolar distance", "agreement"])
+def test_a_principal_point_of_a_crop_is_doubtful_where_the_pictures_bear_it_out(by: str) -> None:
+    k = RIG.intrinsics.copy()
+    k[1, :2, 2] *= 2
+    own = of_lens(replace(RIG, intrinsics=k), 1)
+
+    def told(*more: Finding) -> Finding:
+        return named(confirmed([*own, *more]), "principal point")
+
+    def by_lines(value: float, *names: str) -> Finding:
+        return measured(by, names, value, "px", 1.0, 3.0, "off the lines", "calibrate again")
+
+    fits = told(by_lines(0.5, "cam1", "cam2"))
+    assert fits.verdict is FindingVerdict.DOUBTFUL
+    assert "lines of other cameras" in fits.sentence
+    assert fits.advice
+    for others in (
+        [],
+        [by_lines(0.5, "cam0", "cam2")],
+        [by_lines(0.5, "cam1", "cam2"), by_lines(2.0, "cam0", "cam1")],
+        [unmeasured(by, ("cam1",), "px", 1.0, 3.0, "nothing in common")],
+    ):
+        assert told(*others).verdict is FindingVerdict.BAD
+    assert confirmed(of_lens(RIG, 1)) == of_lens(RIG, 1)
 
 
 def test_unequal_focal_lengths_are_told() -> None:

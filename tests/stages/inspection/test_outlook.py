@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from posegaussian.stages.contract.facts import SEGMENTED
-from posegaussian.stages.inspection.finding import Finding, FindingVerdict, measured, overall
+from posegaussian.stages.inspection.finding import Finding, FindingVerdict, measured, overall, unmeasured
 from posegaussian.stages.inspection.outlook import RING, TIERS, expected, of_cameras, of_matte, pair_lines, tier
 from posegaussian.stages.inspection.pairs import every_pair, of_pairs
 from posegaussian.stages.inspection.planned import Planned
@@ -102,3 +102,12 @@ def test_a_second_person_lowers_nothing_where_one_is_cut_out() -> None:
     ring = around(*range(0, 360, 45))
     assert tier(planned(ring), findings(planned(ring), crowd)) == "good"
     assert tier(planned(ring, matte="plate"), findings(planned(ring, matte="plate"), crowd)) == "poor"
+
+
+def test_the_tier_says_where_nobody_knows_whether_cameras_are_in_step() -> None:
+    plan, said = planned(around(*range(0, 360, 45)), matte="given"), "in step was not measured"
+    unknown = unmeasured("time offset", (), "frames", 0.25, 0.75, "the capture has no 2D joints")
+    known = measured("time offset", ("cam0",), 0.0, "frames", 0.25, 0.75, "in step", "")
+    assert said in expected(plan, findings(plan, unknown))
+    assert said not in expected(plan, findings(plan, unknown, known))
+    assert said not in expected(plan, findings(plan))

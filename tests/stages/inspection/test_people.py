@@ -11,7 +11,8 @@ import pytest
 from posegaussian.stages.estimators.interface import Found
 from posegaussian.stages.inspection.finding import FindingVerdict
 from posegaussian.stages.inspection.footage import Footage, scope_of
-from posegaussian.stages.inspection.people import SURE, Finder, of_people, people
+from posegaussian.stages.inspection.outlook import expected
+from posegaussian.stages.inspection.people import SIGHT, SURE, Finder, of_people, of_sight, people
 from tests.support.inspection_plans import planned
 from tests.support.known_geometry import ring
 
@@ -39,8 +40,8 @@ class Joints:
         return np.array(self.given.get(view, [person(100)])).reshape(-1, 17, 3)
 
 
-def footage(**readers: Any) -> Footage:
-    facts = frozenset({"joints2d"} if "joints" in readers else ())
+def footage(*more: str, **readers: Any) -> Footage:
+    facts = frozenset({*more, "joints2d"} if "joints" in readers else more)
     return Footage(
         scope_of(RIG, RIG, np.tile([1.0, 0, 0], (4, 1)), facts),
         np.tile([1.0, 0, 0], (4, 1)),
@@ -93,6 +94,49 @@ def test_one_person_is_good_only_where_somebody_looked() -> None:
     assert "models fetch blazepose" in told.sentence
     (nothing,) = of_people(footage(), planned(RIG))
     assert nothing.verdict is FindingVerdict.UNKNOWN
+
+
+EMPTY: dict[int, list[np.ndarray]] = {v: [] for v in range(4)}
+
+
+@pytest.mark.parametrize("kind", ["joints", "found"])
+def test_pictures_without_anybody_are_bad_and_nothing_is_expected_of_them(kind: str) -> None:
+    (f,) = of_sight(footage(**{kind: Joints(EMPTY)}))
+    assert (f.measure, f.value, f.verdict) == (SIGHT, 0.0, FindingVerdict.BAD)
+    assert "nobody was found in any" in f.sentence
+    assert "frames.range" in f.advice
+    assert "detection.zoom" in f.advice
+    assert expected(planned(RIG), [f]) == "expected: nothing, as nobody was found in any picture that was looked at"
+
+
+def test_one_who_is_in_some_pictures_is_enough() -> None:
+    class Leaving(Joints):
+        def read(self, view: int, number: int) -> np.ndarray:
+            return super().read(view, number) if number < 10 else np.zeros((0, 17, 3))
+
+    (f,) = of_sight(footage(found=Leaving({})))
+    assert f.verdict is FindingVerdict.GOOD
+    assert 0 < float(f.value or 0) < 1
+
+
+def test_a_camera_that_shows_nobody_while_two_others_do_is_doubtful() -> None:
+    whole, one = of_sight(footage(found=Joints({2: []})))
+    assert whole.verdict is FindingVerdict.GOOD
+    assert whole.value == pytest.approx(0.75)
+    assert (one.cameras, one.verdict) == (("cam2",), FindingVerdict.DOUBTFUL)
+    assert "cam2" in one.advice
+    assert len(of_sight(footage(found=Joints({1: [], 2: [], 3: []})))) == 1, "one camera alone accuses nobody"
+
+
+def test_whom_the_given_joints_name_the_estimator_need_not_find() -> None:
+    (f,) = of_sight(footage(joints=Joints({}), found=Joints(EMPTY)))
+    assert f.verdict is FindingVerdict.GOOD
+
+
+@pytest.mark.parametrize("fact", ["masks", "joints3d"])
+def test_a_subject_that_is_told_otherwise_need_not_be_a_person(fact: str) -> None:
+    assert of_sight(footage(fact, found=Joints(EMPTY))) == []
+    assert of_sight(footage()) == [], "nobody looked"
 
 
 def test_the_finder_believes_only_whom_the_estimator_is_sure_of() -> None:

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from posegaussian.stages.contract.facts import ESTIMATED, SEGMENTED, TRACKED
+from posegaussian.stages.contract.io import Block
+from posegaussian.stages.pose.facts import HIDDEN
 from posegaussian.stages.pose.params import PoseParams
 from posegaussian.stages.pose.run import run
 from posegaussian.stages.pose.stage import STAGE
@@ -46,13 +48,18 @@ def found(person: PersonCapture) -> dict[str, np.ndarray]:
     }
 
 
-def said(person: PersonCapture, arrays: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Who is chosen [F, V], and whether the subject is alone [F], as the stage says."""
+def blocks_of(person: PersonCapture, arrays: dict[str, np.ndarray]) -> list[Block]:
+    """All that the stage yields."""
     params = PoseParams(heatmaps="drawn")
     inputs = MemoryInputs(
         STAGE, params, arrays, person.rig, person.views, range(FRAMES), FRAMES, facts=FACTS, joint_set="blazepose33"
     )
-    blocks = list(run(inputs, params))
+    return list(run(inputs, params))
+
+
+def said(person: PersonCapture, arrays: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Who is chosen [F, V], and whether the subject is alone [F], as the stage says."""
+    blocks = blocks_of(person, arrays)
     (alone,) = (np.asarray(b.data)[:, 0] for b in blocks if b.array == "pose/alone")
     return np.stack([np.asarray(b.data) for b in blocks if b.array == "pose/chosen"], axis=1), alone
 
@@ -84,3 +91,36 @@ def test_where_hardly_a_joint_is_seen_nobody_is_told(person: PersonCapture) -> N
     joints = arrays["detection/joints2d"]
     joints[:, np.arange(VIEWS) != WRONG, 1, 6:] = 0  # the head alone is in space
     assert (said(person, arrays)[0][:, WRONG] == -1).all()
+
+
+def passing(person: PersonCapture, nearer: float) -> dict[str, np.ndarray]:
+    """What is found where in one view of the first frame somebody stands before the subject, `nearer` times as large,
+    and the estimator finds them twice in place of the subject."""
+    arrays = found(person)
+    joints, region = arrays["detection/joints2d"], arrays["detection/region"]
+    joints[1, WRONG] = joints[1, 0]  # the subject itself is found in the second frame
+    arrays["people/number"][1, WRONG] = arrays["people/number"][1, 0]
+    own = np.array(person.joints2d[:1, WRONG], np.float32)
+    own[..., :2] = SIZE / 2 + nearer * (own[..., :2] - SIZE / 2)
+    own[((own[..., :2] < 0) | (own[..., :2] > SIZE)).any(axis=-1), 2] = 0
+    joints[0, WRONG] = to_set(own, "coco17", "blazepose33")
+    region[0, WRONG, :] = [SIZE / 2, SIZE / 2, nearer * SIZE, 0.0]
+    return arrays
+
+
+def test_who_hides_the_subject_is_not_taken_for_the_subject_and_it_is_said(person: PersonCapture) -> None:
+    blocks = blocks_of(person, passing(person, 1.45))
+    chosen = {b.view: np.asarray(b.data).tolist() for b in blocks if b.array == "pose/chosen"}
+    assert chosen.pop(WRONG) == [HIDDEN, 1]
+    assert all(c == [1, 1] for c in chosen.values())
+    (alone,) = (np.asarray(b.data)[:, 0].tolist() for b in blocks if b.array == "pose/alone")
+    assert alone == [0, 1], "somebody else is there"
+    told = {b.view: b.notes for b in blocks if b.array == "pose/chosen" and b.notes}
+    assert list(told) == [WRONG]
+    assert "hides the subject in frames 0;" in told[WRONG][0]
+
+
+def test_somebody_found_as_large_as_the_subject_on_its_joints_hides_nobody(person: PersonCapture) -> None:
+    arrays = passing(person, 1.05)
+    arrays["detection/joints2d"][0, WRONG, :, ::3, 0] += SIZE / 4  # joints too wrong to be the subject's
+    assert not (said(person, arrays)[0] == HIDDEN).any()

@@ -1,0 +1,44 @@
+"""What is odd about the masks of a view, and what to do about it, by where they come from."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from posegaussian.stages.frames.params import Matte
+from posegaussian.storage.model.masks import foreground
+
+NEARLY_EMPTY = 0.002
+"""Share of the picture below which a mask holds nobody."""
+NEARLY_FULL = 0.7
+ADVICE: dict[Matte, str] = {
+    "given": "the masks that came with the capture hold nothing there: is the subject seen by that camera? If not,"
+    " leave it out with views.sources",
+    "person": "nobody was found there: is the subject seen by that camera? If so, set frames.matte: none, or import"
+    " masks",
+    "plate": "a subject that stays in its place becomes part of the background plate: set frames.matte: none, or import"
+    " masks",
+    "none": "everything is foreground where there is a picture: look at how far the recordings reach",
+}
+
+
+def doubts(mask: np.ndarray, matte: Matte) -> tuple[str, ...]:
+    """Sentences on masks [F, h, w] uint8 of one view that hold nobody or everything; `matte`: where they come from.
+
+    A mask that came with the capture may be full, as of a camera that shows a part of the subject.
+    """
+    if not len(mask):
+        return ()
+    share = foreground(mask).mean(axis=(1, 2))
+    empty, full = int((share < NEARLY_EMPTY).sum()), int((share > NEARLY_FULL).sum())
+    told = []
+    if 2 * empty > len(share):
+        told.append(
+            f"{empty} of {len(share)} masks hold less than {NEARLY_EMPTY:.1%} of the picture (frames without a picture"
+            f" count too); {ADVICE[matte]}"
+        )
+    if full and matte in ("plate", "person"):
+        told.append(
+            f"{full} of {len(share)} masks hold more than {NEARLY_FULL:.0%} of the picture; the camera moves or the"
+            " light changes and a background plate does not fit: set frames.matte: none, or import masks"
+        )
+    return tuple(told)
