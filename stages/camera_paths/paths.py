@@ -19,7 +19,7 @@ from posegaussian.stages.camera_paths.path_file import read_path_file
 from posegaussian.stages.camera_paths.stretch import Stretch, around, best_stretch, directions
 from posegaussian.stages.contract.io import Views
 from posegaussian.stages.geometry.pairs import MAX_ANGLE
-from posegaussian.stages.geometry.subject import look_at_point, up_direction
+from posegaussian.stages.geometry.subject import look_at_point, middle_rays, up_direction
 from posegaussian.storage.model.cameras import CameraPath, Rig, rigid, rotation_matrix
 from posegaussian.storage.model.errors import CalibrationError, UserError
 
@@ -231,16 +231,16 @@ def _looking_at(subject: np.ndarray, centre: np.ndarray, up: np.ndarray) -> np.n
 
 
 def _ahead(rig: Rig, views: Views, view: int, distance: float | None) -> np.ndarray:
-    """[3] the subject before a camera: `distance` metres along its axis where that is known, of a single source camera,
-    else the point where the source cameras look."""
+    """[3] the subject before a camera: in the middle of its picture `distance` metres along its optical axis where that
+    is known, of a single source camera, else the point where the source cameras look."""
     if distance is not None and len(views.sources) == 1:
-        return rig.centres[view] + distance * rig.rotations[view, 2]
+        return rig.centres[view] + distance * middle_rays(rig)[view]
     return look_at_point(rig.subset(views.sources))
 
 
 def _sway(rig: Rig, views: Views, words: list[str], text: str, frames: int, distance: float | None) -> CameraPath:
-    """A source camera that swings about the subject on its axis, sideways by some degrees and less up and down, a lying
-    eight that begins at the camera itself.
+    """A source camera that swings about the subject in the middle of its picture, sideways by some degrees and less up
+    and down, a lying eight that begins at the camera itself.
 
     It is turned as a whole about the point `distance` ahead, or as deep as the source cameras look where that is not
     given, so the subject stays where it is in the picture. A whole number of swings fills the sequence, so that it can
@@ -261,7 +261,7 @@ def _sway(rig: Rig, views: Views, words: list[str], text: str, frames: int, dist
         raise UserError(f"camera path {text!r}: the point where the source cameras look lies behind {rig.names[view]}")
     steps = frames if frames > 1 else STEPS
     phase = 2 * np.pi * max(1, round(steps / LOOP)) * np.arange(steps) / steps
-    pivot = np.array([0.0, 0.0, depth])
+    pivot = depth * (r @ middle_rays(rig)[view])
     poses = []
     for sideways, upwards in zip(
         np.deg2rad(swing) * np.sin(phase), np.deg2rad(swing) * RISE * np.sin(2 * phase), strict=True
@@ -274,8 +274,7 @@ def _sway(rig: Rig, views: Views, words: list[str], text: str, frames: int, dist
 
 
 def _arc(rig: Rig, seeing: Rig, a: int, b: int, frames: int) -> CameraPath:
-    """From camera a to camera b about the point nearest to the optical axes of the cameras `seeing` the subject; both
-    end points are exact.
+    """From camera a to camera b about the point where the cameras `seeing` the subject look; both end points are exact.
 
     Orientations are slerped. The subject's position in camera axes is interpolated too, its direction and its distance
     apart, and the centre follows: C = X - R^T x. So the distance to the subject runs from one camera's to the other's

@@ -13,6 +13,11 @@ AUTO = "auto"
 """In place of a method's name: the one that suits the capture."""
 PICKED = {name: fact(f"{name}_depth") for name in BY_PICTURES}
 """{method: the fact that `auto` comes to it, by pictures of left-out views or for want of them}."""
+UNTOLD = (
+    "every other camera looks along the same rays, from behind or from the same place: nothing tells how far away the"
+    " subject is, and the silhouette is rounded at the point the cameras look at"
+)
+"""What is said of views whose depth is assumed although they are not the only one."""
 
 
 class DepthParams(Params):

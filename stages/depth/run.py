@@ -10,10 +10,10 @@ import numpy as np
 from posegaussian.stages.contract.facts import SINGLE_SOURCE
 from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.depth.algorithms.pose_prior import limbs_of
-from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, has_silhouettes
+from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, has_silhouettes, reliefs
 from posegaussian.stages.depth.facts import LEFT_RIGHT_CHECK, LIMB_BOUNDS
 from posegaussian.stages.depth.methods.declaration import DepthMethod, OfFrame, OfView
-from posegaussian.stages.depth.params import DepthParams, refusal, resolve_method
+from posegaussian.stages.depth.params import UNTOLD, DepthParams, refusal, resolve_method
 from posegaussian.stages.geometry.subject import STATURE, subject_distance
 from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.errors import UserError
@@ -52,6 +52,7 @@ def _together(inputs: Inputs, params: DepthParams, method: DepthMethod, of_frame
     shape, limbs = _shape(inputs), _limbs(inputs)
     depth = {v: np.zeros(shape, np.float32) for v in sources}
     confidence = {v: np.zeros(shape, np.float16) for v in sources}
+    untold: set[int] = set()
 
     @cache
     def geometry(valid: tuple[int, ...], silhouettes: bool) -> Geometry:
@@ -61,12 +62,15 @@ def _together(inputs: Inputs, params: DepthParams, method: DepthMethod, of_frame
         valid = tuple(v for v in sources if inputs.valid[f, v])
         frame = Frame({v: colors[v][f] for v in valid if v in colors}, {v: masks[v][f] for v in valid}, limbs[f])
         known = geometry(valid, has_silhouettes(inputs.rig, frame.masks))
-        for v, (z, c) in of_frame(known, frame, params, LEFT_RIGHT_CHECK in inputs.facts).items():
+        assumed = reliefs(known, frame) if known.silhouettes else {}
+        untold.update(assumed)
+        for v, (z, c) in {**of_frame(known, frame, params, LEFT_RIGHT_CHECK in inputs.facts), **assumed}.items():
             depth[v][f], confidence[v][f] = z, c
     for v in range(len(inputs.rig)):
         sure = confidence.get(v, np.zeros(shape, np.float16))
         yield Block("depth/depth", depth.get(v, np.zeros(shape, np.float32)), v)
-        yield Block("depth/confidence", sure, v, notes=matched_note(sure) if method.matches else ())
+        told = (UNTOLD,) if v in untold else matched_note(sure) if method.matches else ()
+        yield Block("depth/confidence", sure, v, notes=told)
 
 
 def _shape(inputs: Inputs) -> tuple[int, int, int]:

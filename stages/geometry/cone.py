@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from posegaussian.stages.geometry.pairs import angle_at
+from posegaussian.stages.geometry.subject import middle_rays
 from posegaussian.storage.model.cameras import CameraPath, Rig
 
 
@@ -19,7 +20,7 @@ def cone_notes(
     Args:
         rig: cameras of the frames grid.
         view: the source view.
-        distance: metres along its axis to the subject.
+        distance: metres along its optical axis to the subject.
         what: what its depth is, as part of a sentence.
         useful: degrees at the subject up to which pictures are worth looking at.
         paths: camera paths that are rendered.
@@ -30,7 +31,7 @@ def cone_notes(
         f" novel views are worth looking at up to {useful:g} degrees from it"
     )
     notes = [alone]
-    subject = rig.centres[view] + distance * rig.rotations[view, 2]
+    subject = rig.centres[view] + distance * middle_rays(rig)[view]
     for path in paths.values():
         centres = -np.einsum("...ji,...j->...i", path.world_to_camera[..., :3, :3], path.world_to_camera[..., :3, 3])[
             path.served

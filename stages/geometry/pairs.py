@@ -23,6 +23,10 @@ below it one pixel of disparity is a tenth of the distance and more."""
 MIN_ASIDE = 30.0
 """Degrees between the baseline and either line of sight to the subject: below it one camera stands behind the other."""
 
+ALONG = (10.0, 150.0)
+"""Degrees at the subject between two views up to which, and from which on, each looks along the other's rays, sees them
+from end to end and cannot tell where on them a subject begins."""
+
 
 class PairVerdict(StrEnum):
     """What a pair is good for."""
@@ -230,9 +234,19 @@ def choose_pairs(
     return {v: [b for _, b in sorted(found)[:count]] for v, found in partners.items()}
 
 
+def alone(rig: Rig, views: Sequence[int], max_angle: float = MAX_ANGLE) -> tuple[int, ...]:
+    """Which of several views nothing tells how far away the subject is from: no usable pair serves them, and all others
+    look along their rays (`ALONG`). A view that is the only one is none of them."""
+    if len(views) < 2:
+        return ()
+    reports = pair_report(rig, views, max_angle)
+    told = {v for r in reports if r.usable or ALONG[0] < r.angle < ALONG[1] for v in r.views}
+    return tuple(v for v in views if v not in told)
+
+
 def pair_notes(rig: Rig, sources: Sequence[int], max_angle: float = MAX_ANGLE) -> list[str]:
     """Sentences for the plan about pairs that are not matched:
-    one a verdict with an example, one for views no pair serves."""
+    one a verdict with an example, one for views no pair serves but others see from the side."""
     reports = pair_report(rig, sources, max_angle)
     notes = []
     for verdict in PairVerdict:
@@ -243,8 +257,8 @@ def pair_notes(rig: Rig, sources: Sequence[int], max_angle: float = MAX_ANGLE) -
                 f"depth does not match {len(refused)} of {len(reports)} pairs of views, which are {verdict}; the"
                 f" nearest: {nearest.sentence}"
             )
-    served = {v for r in reports if r.usable for v in r.views}
-    alone = [rig.names[v] for v in sources if v not in served]
-    if alone:
-        notes.append(f"no usable pair serves {', '.join(alone)}: hull depth with low confidence there")
+    served = {v for r in reports if r.usable for v in r.views}.union(alone(rig, sources, max_angle))
+    unmatched = [rig.names[v] for v in sources if v not in served]
+    if unmatched:
+        notes.append(f"no usable pair serves {', '.join(unmatched)}: hull depth with low confidence there")
     return notes

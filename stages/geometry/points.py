@@ -9,6 +9,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from posegaussian.stages.geometry.subject import middle_rays
 from posegaussian.storage.model.cameras import Rig
 
 NEAR = 0.05
@@ -80,11 +81,12 @@ def rays(rig: Rig, views: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, n
 
 
 def focus(rig: Rig) -> np.ndarray:
-    """[3] the world point nearest to all optical axes, metres: where the rig looks.
+    """[3] the world point nearest to the rays through the middle of all pictures, metres: where the rig looks.
 
-    Least squares over the distances to the axes; a weak pull to the world's origin decides what one camera or parallel
-    axes leave open.
+    Least squares over the distances to these rays; a weak pull to the world's origin decides what one camera or
+    parallel rays leave open.
     """
-    axes = rig.rotations[:, 2]
-    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    along = middle_rays(rig)
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    across = np.eye(3) - along[:, :, None] * along[:, None, :]
     return np.linalg.solve(across.sum(0) + 1e-6 * np.eye(3), (across @ rig.centres[..., None]).sum(0)[:, 0])

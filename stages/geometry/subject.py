@@ -29,25 +29,36 @@ SURE = 0.05
 
 
 def expected_distance(rig: Rig) -> np.ndarray:
-    """[V] metres at which a person fills three quarters of each camera's longer side."""
+    """[V] metres along the optical axis at which a person fills three quarters of each camera's longer side."""
     focal = rig.intrinsics[:, [0, 1], [0, 1]].mean(axis=1)
     return focal * TALL_STATURE / (FILLED * rig.size.max(axis=1))
 
 
-def look_at_point(rig: Rig) -> np.ndarray:
-    """[3] the world point nearest to all optical axes, metres.
+def middle_rays(rig: Rig) -> np.ndarray:
+    """[V, 3] directions in the world through the middle of every picture, a metre along the optical axis; no lens.
 
-    Least squares over the axes with a pull (weight 1e-4) towards the points at `expected_distance`, which decides where
-    the axes are parallel. When the result lies behind a camera the mean of those points is taken instead.
+    Where a camera looks: a picture that was cut far beside the principal point has its subject in its middle all the
+    same, not on the optical axis.
     """
-    axes, centres = rig.rotations[:, 2], rig.centres
-    expected = (centres + axes * expected_distance(rig)[:, None]).mean(axis=0)
-    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    middle = np.concatenate([rig.size / 2, np.ones((len(rig), 1))], axis=1)
+    return np.einsum("vji,vj->vi", rig.rotations, np.linalg.solve(rig.intrinsics, middle[..., None])[..., 0])
+
+
+def look_at_point(rig: Rig) -> np.ndarray:
+    """[3] the world point nearest to the rays through the middle of all pictures, metres.
+
+    Least squares over these rays with a pull (weight 1e-4) towards their points at `expected_distance`, which decides
+    where they are parallel. When the result lies behind a camera the mean of those points is taken instead.
+    """
+    rays, centres = middle_rays(rig), rig.centres
+    expected = (centres + rays * expected_distance(rig)[:, None]).mean(axis=0)
+    along = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    across = np.eye(3) - along[:, :, None] * along[:, None, :]
     weight = 1e-4 * len(rig)
     point = np.linalg.solve(
         across.sum(axis=0) + weight * np.eye(3), np.einsum("vij,vj->i", across, centres) + weight * expected
     )
-    ahead = np.einsum("vi,vi->v", axes, point - centres)
+    ahead = np.einsum("vi,vi->v", rig.rotations[:, 2], point - centres)
     return point if (ahead > 0).all() else expected
 
 

@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 
+from posegaussian.stages.geometry.pairs import ALONG
 from posegaussian.stages.geometry.projection import rays
 from posegaussian.stages.silhouettes.distance import box, distance_to_foreground, within
 from posegaussian.stages.silhouettes.march import MOST_POINTS, march, meets
@@ -37,9 +38,9 @@ TOLERANCE = (0.0, 1.5)
 """Px a point may lie outside another view's silhouette; the second value only for rays without a hull at the first."""
 OUTVOTED = 4
 """Other views, at least, of which one may be overruled for a ray that has no hull otherwise."""
-ALONG = np.cos(np.deg2rad([150.0, 10.0]))
-"""Cosines at the subject's middle between a ray's origin and cameras on its other side and on its own, which look along
-the ray, see it from end to end and cannot tell where on it a subject begins."""
+NEAR_SIDE, FAR_SIDE = np.cos(np.deg2rad(ALONG))
+"""Cosines at the subject's middle between a ray's origin and cameras on its own side and on its other one, which look
+along the ray."""
 OBLIQUE = 1.5
 """Px by which a point moves for a metre sideways, over focal length / depth, at most: 48 degrees off the axis."""
 
@@ -126,7 +127,7 @@ class Silhouettes:
         towards = origin - self.centre
         cosines = places @ towards / np.maximum(np.linalg.norm(places, axis=1) * np.linalg.norm(towards), 1e-12)
         others = [i for i, v in enumerate(self.views) if v != without]
-        sides = [i for i in others if ALONG[0] < cosines[i] < ALONG[1]] or others
+        sides = [i for i in others if FAR_SIDE < cosines[i] < NEAR_SIDE] or others
         return np.array([*sides, *(i for i in others if i not in sides)], np.int64), len(sides)
 
     @cached_property

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from posegaussian.stages.geometry.projection import pixel_centres, rays, unproject
@@ -36,6 +38,18 @@ def rig_of(poses: list[np.ndarray], size: tuple[int, int] = (1024, 1024), focal:
     return Rig(
         tuple(f"cam{i}" for i in range(n)), k, np.zeros((n, 8)), np.stack(poses), np.tile(np.array(size), (n, 1))
     )
+
+
+def cut_aside(rig: Rig, degrees: float) -> Rig:
+    """The same cameras turned to the side by so much, with pictures cut so far beside the principal point that what was
+    in the middle of each is there still."""
+    a = np.radians(degrees)
+    turn, k = np.eye(4), rig.intrinsics.copy()
+    turn[:3, :3] = [[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]]
+    middle = np.concatenate([rig.size / 2, np.ones((len(rig), 1))], axis=1)
+    seen = np.linalg.solve(k, middle[..., None])[..., 0] @ turn[:3, :3].T
+    k[:, :2, 2] = middle[:, :2] - np.einsum("vij,vj->vi", k[:, :2, :2], seen[:, :2] / seen[:, 2:])
+    return replace(rig, intrinsics=k, world_to_camera=turn @ rig.world_to_camera)
 
 
 def ring(views: int, size: tuple[int, int] = (64, 64), focal: float = 60.0, radius: float = 2.0) -> Rig:

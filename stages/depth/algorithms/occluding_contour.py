@@ -44,11 +44,11 @@ def turn_away(
     keeps none.
 
     `depth` is metres along the optical axis, `near` and `far` the hull's, `inside` [h, w] bool the silhouette. What the
-    picture's edge cuts off is no contour and stays as it is, as do a picture that shows nothing else and a rim without
-    measured depth further in: the hull turns away by itself.
+    picture's edge cuts off is no contour and stays as it is, as do a picture that shows nothing else, one of a single
+    row or column, and a rim without measured depth further in: the hull turns away by itself.
     """
     width, height = (int(n) for n in rig.size[view])
-    if inside[:height, :width].all():
+    if min(width, height) < 2 or inside[:height, :width].all():
         return depth.astype(np.float32), confidence
     distance = cv2.distanceTransform(inside[:height, :width].astype(np.uint8), cv2.DIST_L2, 5)
     down, right = np.gradient(cv2.GaussianBlur(distance, (0, 0), 1.5))

@@ -8,8 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from posegaussian.stages.depth.algorithms.pose_prior import bounded
+from posegaussian.stages.depth.algorithms.relief import relief
 from posegaussian.stages.depth.algorithms.search import SearchSettings
-from posegaussian.stages.geometry.pairs import choose_pairs
+from posegaussian.stages.geometry.pairs import alone, choose_pairs
 from posegaussian.stages.geometry.rectification import RectifiedPair, rectify
 from posegaussian.stages.geometry.subject import look_at_point, up_direction
 from posegaussian.stages.matching.fuse import MATCHED
@@ -143,6 +144,25 @@ def hull_only(geometry: Geometry, frame: Frame) -> Maps:
         v: (depth, np.where(depth > 0, MATCHED, 0).astype(np.float32))
         for v, depth in surfaces(geometry, hulls(geometry, frame)).items()
     }
+
+
+def reliefs(geometry: Geometry, frame: Frame) -> Maps:
+    """Depth and confidence [h, w] of the views that nothing tells how far away the subject is from: their silhouettes,
+    rounded, as deep as the point the cameras look at.
+
+    Their hull reaches from one side of what is searched to the other. A view whose mask is empty tells nothing, and of
+    a view alone there is no hull either.
+    """
+    rig, out = geometry.rig, {}
+    seeing = tuple(v for v, inside in frame.inside.items() if inside.any())
+    for v in alone(rig, seeing, geometry.params.max_angle):
+        (width, height), mask = rig.size[v], frame.masks[v]
+        depth, confidence = np.zeros(mask.shape, np.float32), np.zeros(mask.shape, np.float32)
+        depth[:height, :width], confidence[:height, :width] = relief(
+            mask[:height, :width], geometry.distance(v), float(rig.intrinsics[v, 0, 0])
+        )
+        out[v] = depth, confidence
+    return out
 
 
 def surfaces(geometry: Geometry, found: Maps) -> dict[int, np.ndarray]:

@@ -151,7 +151,7 @@ def test_an_arc_from_a_camera_to_itself_stands_still() -> None:
 
 def test_an_orbit_goes_once_around_at_the_mean_radius_and_height() -> None:
     rig = ring(origin=(1.0, 2.0, 0.5))
-    rig.size[5] = (100, 100)
+    rig.size[5], rig.intrinsics[5, :2, 2] = (100, 100), 50
     path, subject = make("orbit", 16, rig, ()), look_at_point(rig)
     offset = centres(path)[:, 0] - subject
     np.testing.assert_allclose(np.linalg.norm(offset[:, :2], axis=1), 2.4, atol=NEAR)

@@ -5,14 +5,19 @@ import cv2
 import numpy as np
 import pytest
 
+from posegaussian.stages.contract.declaration import Evidence
 from posegaussian.stages.contract.io import Block
-from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, hull_only, hulls
+from posegaussian.stages.depth.algorithms.occluding_contour import turn_away
+from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, hull_only, hulls, reliefs
+from posegaussian.stages.depth.notes import notes
 from posegaussian.stages.depth.params import DepthParams
 from posegaussian.stages.depth.run import check, matched_note
 from posegaussian.stages.depth.stage import STAGE
+from posegaussian.stages.geometry.pairs import alone
 from posegaussian.stages.metrics.depth_error import depth_error
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
 from posegaussian.storage.model.errors import UserError
+from tests.support.known_geometry import rig_of
 from tests.support.memory_inputs import run_stage
 
 DEPTH, CONFIDENCE = "depth/depth", "depth/confidence"
@@ -151,6 +156,53 @@ def test_views_that_no_pair_serves_get_the_hull_with_low_confidence(method: str)
     np.testing.assert_array_equal(found[DEPTH], hull[DEPTH])
     assert found[DEPTH].any()
     assert found[CONFIDENCE].max() < 0.5
+
+
+@pytest.mark.parametrize("views", [(0, 4), (0, 1), (0, 4, 1)])
+def test_views_along_each_other_show_the_subject_where_the_cameras_look(
+    person: PersonCapture, method: str, views: tuple[int, ...]
+) -> None:
+    """From behind or from one place, camera 1 stands where camera 0 does: the hull begins at the side of the searched
+    sphere that is nearer, 1.7 m before the person."""
+    poses, mask, color, true = (a.copy() for a in (person.rig.world_to_camera, person.mask, person.color, person.depth))
+    poses[1], mask[:, 1], color[:, 1], true[:, 1] = poses[0], mask[:, 0], color[:, 0], true[:, 0]
+    rig, chosen = replace(person.rig, world_to_camera=poses), replace(person.views, sources=views)
+    found = depth_of(replace(person, rig=rig, mask=mask, color=color, views=chosen), method=method)
+    for v in views:
+        np.testing.assert_array_equal(found[DEPTH][:, v] > 0, mask[:, v] > 127)
+        surface = (found[DEPTH][:, v] > 0) & (true[:, v] > 0)
+        assert np.abs(found[DEPTH][:, v] - true[:, v])[surface].max() < 0.5  # as deep as a person is anywhere
+        assert np.abs(found[DEPTH][:, v] - true[:, v])[surface].mean() < 0.15
+        assert found[CONFIDENCE][:, v].max() < 0.5
+    assert alone(rig, views) == views
+
+
+def test_a_camera_to_the_side_tells_how_far_away_the_subject_is(person: PersonCapture, method: str) -> None:
+    views = (0, 2, 4)
+    geometry = Geometry.of(person.rig, views, DepthParams(method=method))
+    assert reliefs(geometry, Frame({}, {v: person.mask[0, v] for v in views})) == {}
+    blind = {v: person.mask[0, v] if v != 2 else np.zeros_like(person.mask[0, 2]) for v in views}
+    assert sorted(reliefs(geometry, Frame({}, blind))) == [0, 4], "which says nothing where its mask is empty"
+    assert "cam00, cam04: every other camera looks along the same rays" in " ".join(_told(person, (0, 4)))
+    assert "every other camera" not in " ".join(_told(person, views))
+    assert reliefs(geometry, Frame({}, {0: blind[0]})) == reliefs(geometry, Frame({}, {2: blind[2]})) == {}
+
+
+def _told(c: PersonCapture, views: tuple[int, ...]) -> list[str]:
+    """What a plan says of the depth of these source views."""
+    size = c.rig.size
+    return notes(
+        Evidence(DepthParams(), frozenset(), c.rig, c.rig, size, np.tile([1.0, 0, 0], (9, 1)), views, views, 1, (), {})
+    )
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 5), (7, 1)])
+def test_a_picture_of_a_single_row_or_column_has_no_contour_that_turns_away(shape: tuple[int, int]) -> None:
+    rig = rig_of([np.eye(4)], shape[::-1], 4.0)
+    depth, inside = np.full(shape, 2.0, np.float32), np.zeros(shape, bool)
+    out, trust = turn_away(rig, 0, depth, depth / 2, depth, depth + 1, inside)
+    np.testing.assert_array_equal(out, depth)
+    np.testing.assert_array_equal(trust, depth / 2)
 
 
 def test_truth_is_passed_on_and_refused_where_there_is_none(person: PersonCapture) -> None:

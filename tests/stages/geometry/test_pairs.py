@@ -12,10 +12,17 @@ from posegaussian.stages.geometry.pairs import (
     pair_report,
     shared_body,
 )
+from posegaussian.stages.geometry.projection import project
 from posegaussian.stages.geometry.rectification import rectify
-from posegaussian.stages.geometry.subject import body_points, look_at_point
+from posegaussian.stages.geometry.subject import (
+    body_points,
+    expected_distance,
+    look_at_point,
+    middle_rays,
+    subject_distance,
+)
 from posegaussian.storage.model.cameras import Rig
-from tests.support.known_geometry import camera, on_ring, rig_of, ring
+from tests.support.known_geometry import camera, cut_aside, on_ring, rig_of, ring
 
 ORIGIN = np.zeros(3)
 REFERENCE = camera(on_ring(0), ORIGIN)
@@ -158,6 +165,27 @@ def test_look_at_point_is_where_the_axes_meet_and_ahead_where_they_are_parallel(
     ahead = look_at_point(parallel) + np.array([0, 3, 0])
     # 819.2 * 1.8 / (0.75 * 1024) = 1.92 m fills three quarters of the picture.
     np.testing.assert_allclose(ahead, [0.15, 1.92, 0], atol=1e-6)
+
+
+@pytest.mark.parametrize("degrees", [-35.0, 20.0])
+def test_pictures_cut_beside_the_principal_point_look_where_their_middle_does(degrees: float) -> None:
+    rig = ring(8)
+    aside = cut_aside(rig, degrees)
+    np.testing.assert_allclose(look_at_point(aside), look_at_point(rig), atol=1e-3)
+    assert [r.verdict for r in pair_report(aside)] == [r.verdict for r in pair_report(rig)]
+    # Of one camera alone: in the middle of its picture, as deep as a person fills it.
+    one = aside.subset([0])
+    pixels, depth = project(look_at_point(one), one.intrinsics[0], one.world_to_camera[0])
+    np.testing.assert_allclose(pixels, one.size[0] / 2, atol=1e-6)
+    assert depth == pytest.approx(expected_distance(one)[0]) == pytest.approx(subject_distance(one, 0, None))
+
+
+def test_the_middle_of_a_skewed_picture_is_where_its_camera_looks() -> None:
+    rig = cut_aside(ring(3), 25.0)
+    rig.intrinsics[:, 0, 1] = 4.0
+    for v, ray in enumerate(middle_rays(rig)):
+        pixels, depth = project(rig.centres[v] + 2.5 * ray, rig.intrinsics[v], rig.world_to_camera[v])
+        np.testing.assert_allclose([*pixels, depth], [*rig.size[v] / 2, 2.5])
 
 
 def test_cameras_that_look_apart_still_have_a_point_ahead():

@@ -7,6 +7,7 @@ import numpy as np
 
 from posegaussian.stages.geometry.points import focus, project, to_frames
 from posegaussian.storage.model.cameras import Rig, from_integer_centres, points_from_integer_centres
+from tests.support.known_geometry import cut_aside
 from tests.support.walking_skeleton import SKELETON, pixels, ring
 
 
@@ -75,9 +76,15 @@ def test_projection_agrees_with_the_written_out_one() -> None:
 
 
 def test_the_focus_is_where_the_axes_meet_and_exists_for_one_camera() -> None:
-    np.testing.assert_allclose(focus(ring(6)), [0, 0, 0.9], atol=1e-5)  # the pull to the origin weighs 1e-6
-    one = ring(1)
+    rig = ring(6)
+    rig.intrinsics[:, :2, 2] = rig.size / 2  # the axes go through the middle of the pictures
+    np.testing.assert_allclose(focus(rig), [0, 0, 0.9], atol=1e-5)  # the pull to the origin weighs 1e-6
+    one = rig.subset([0])
     at = focus(one)
     to_point = at - one.centres[0]
     np.testing.assert_allclose(np.cross(to_point, one.rotations[0, 2]), 0, atol=1e-4)  # on the axis
     assert abs(at @ one.rotations[0, 2]) < 1e-3  # nearest to the origin
+
+
+def test_the_focus_of_pictures_cut_beside_the_principal_point_is_where_their_middles_meet() -> None:
+    np.testing.assert_allclose(focus(cut_aside(ring(6), 30.0)), focus(ring(6)), atol=1e-5)

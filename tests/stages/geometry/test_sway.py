@@ -10,10 +10,11 @@ from posegaussian.stages.contract.io import Views
 from posegaussian.stages.geometry.cone import cone_notes
 from posegaussian.stages.geometry.pairs import angle_at
 from posegaussian.stages.geometry.projection import project
-from posegaussian.stages.geometry.subject import look_at_point, subject_distance
+from posegaussian.stages.geometry.subject import look_at_point, middle_rays, subject_distance
 from posegaussian.storage.model.cameras import CameraPath, Rig
 from posegaussian.storage.model.errors import UserError
 from tests.stages.camera_paths.test_paths import ring, views
+from tests.support.known_geometry import cut_aside
 
 
 def single(text: str = "sway", frames: int = 60, distance: float | None = 3.0) -> tuple[Rig, CameraPath]:
@@ -48,6 +49,20 @@ def test_the_subject_stays_where_it_is_and_the_swing_is_as_wide_as_asked(text: s
         np.testing.assert_allclose(depth, 3.0)
     angles = [angle_at(subject, rig.centres[view], c) for c in centres(path)]
     assert 0.95 * degrees < max(angles) < 1.1 * degrees  # up and down it is a third of it
+
+
+def test_a_picture_cut_beside_the_principal_point_turns_about_its_own_middle() -> None:
+    rig = cut_aside(ring(3), 30.0)
+    roles = Views(rig.names, (1,), (0, 2))
+    path = make_path("sway", rig, roles, np.arange(60), 3.0)
+    subject = rig.centres[1] + 3.0 * middle_rays(rig)[1]
+    for pose in path.world_to_camera[:, 0]:
+        np.testing.assert_allclose(project(subject, rig.intrinsics[1], pose)[0], [160, 120], atol=1e-9)
+    orbit = make_path("orbit", rig, roles, np.arange(20), 3.0)
+    for pose, k in zip(orbit.world_to_camera[:, 0], orbit.intrinsics[:, 0], strict=True):
+        np.testing.assert_allclose(project(subject, k, pose)[0], [160, 120], atol=1e-9)
+    farthest = max(angle_at(subject, rig.centres[1], c) for c in centres(orbit))
+    assert f"goes {farthest:.0f} degrees" in cone_notes(rig, 1, 3.0, "its depth is given", 20.0, {"orbit": orbit})[1]
 
 
 def test_it_loops_without_a_jump_and_a_long_sequence_swings_more_often() -> None:
