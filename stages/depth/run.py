@@ -9,7 +9,7 @@ import numpy as np
 
 from posegaussian.stages.contract.facts import SINGLE_SOURCE
 from posegaussian.stages.contract.io import Block, Inputs
-from posegaussian.stages.depth.algorithms.pose_prior import limbs_of
+from posegaussian.stages.depth.algorithms.pose_prior import flesh_of, limbs_of
 from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, has_silhouettes, reliefs
 from posegaussian.stages.depth.facts import LEFT_RIGHT_CHECK, LIMB_BOUNDS
 from posegaussian.stages.depth.methods.declaration import DepthMethod, OfFrame, OfView
@@ -49,7 +49,7 @@ def _together(inputs: Inputs, params: DepthParams, method: DepthMethod, of_frame
     sources = inputs.views.sources
     masks = {v: inputs.read("frames/mask", v) for v in sources}
     colors = {v: inputs.read("frames/color", v) for v in sources} if "frames/color" in method.reads else {}
-    shape, limbs = _shape(inputs), _limbs(inputs)
+    shape, (limbs, flesh) = _shape(inputs), _limbs(inputs)
     depth = {v: np.zeros(shape, np.float32) for v in sources}
     confidence = {v: np.zeros(shape, np.float16) for v in sources}
     untold: set[int] = set()
@@ -60,7 +60,9 @@ def _together(inputs: Inputs, params: DepthParams, method: DepthMethod, of_frame
 
     for f in range(shape[0]):
         valid = tuple(v for v in sources if inputs.valid[f, v])
-        frame = Frame({v: colors[v][f] for v in valid if v in colors}, {v: masks[v][f] for v in valid}, limbs[f])
+        frame = Frame(
+            {v: colors[v][f] for v in valid if v in colors}, {v: masks[v][f] for v in valid}, limbs[f], flesh[f]
+        )
         known = geometry(valid, has_silhouettes(inputs.rig, frame.masks))
         assumed = reliefs(known, frame) if known.silhouettes else {}
         untold.update(assumed)
@@ -79,11 +81,14 @@ def _shape(inputs: Inputs) -> tuple[int, int, int]:
     return len(inputs.partition), int(height), int(width)
 
 
-def _limbs(inputs: Inputs) -> list[np.ndarray]:
-    """[N, 7] capsules of each frame; none while `limb_bounds` is off."""
+def _limbs(inputs: Inputs) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """[N, 7] and [M, 7] capsules of each frame, of limbs and of what of them is surely there; none while `limb_bounds`
+    is off."""
     if LIMB_BOUNDS not in inputs.facts or inputs.joint_set is None:
-        return [np.zeros((0, 7))] * len(inputs.partition)
-    return [limbs_of(j) for j in to_set(inputs.read("pose/joints3d"), inputs.joint_set, "coco17")]
+        none = [np.zeros((0, 7))] * len(inputs.partition)
+        return none, none
+    joints = to_set(inputs.read("pose/joints3d"), inputs.joint_set, "coco17")
+    return [limbs_of(j) for j in joints], [flesh_of(j) for j in joints]
 
 
 def _alone(inputs: Inputs, params: DepthParams, method: DepthMethod, of_view: OfView) -> Iterator[Block]:

@@ -19,7 +19,7 @@ import inspect
 
 import numpy as np
 
-from posegaussian.stages.depth.algorithms.pose_prior import limbs_of
+from posegaussian.stages.depth.algorithms.pose_prior import flesh_of, limbs_of
 from posegaussian.stages.depth.algorithms.scene import Frame, Geometry
 from posegaussian.stages.depth.methods.registry import METHODS
 from posegaussian.stages.depth.params import DepthParams
@@ -100,10 +100,9 @@ def _start(rig: Rig, shots: list[Shot], views: list[int], method: str, limbs: bo
     params = DepthParams.model_validate({"method": method})
     geometry = Geometry.of(rig, tuple(sorted(views)), params)
     joints = shots[0].joints3d
-    capsules = (
-        limbs_of(np.column_stack([joints, np.ones(len(joints))])) if limbs and joints is not None else np.zeros((0, 7))
-    )
-    frame = Frame({v: shots[v].color for v in views}, {v: s.mask for v, s in enumerate(shots)}, capsules)
+    known = np.column_stack([joints, np.ones(len(joints))]) if limbs and joints is not None else np.zeros((17, 4))
+    colors, masks = {v: shots[v].color for v in views}, {v: s.mask for v, s in enumerate(shots)}
+    frame = Frame(colors, masks, limbs_of(known), flesh_of(known))
     of_frame = METHODS[method].of_frame
     assert of_frame is not None, f"{method} takes views one by one"
     maps = of_frame(geometry, frame, params, True)

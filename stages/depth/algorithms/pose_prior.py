@@ -83,26 +83,44 @@ def limbs_of(joints: np.ndarray) -> np.ndarray:
     known, at = joints[:, 3] > 0, joints[:, :3].astype(np.float64)
     if not known[_SHOULDERS + _HIPS].all():
         return np.zeros((0, 7))
-    bones = [(at[a], at[b], length, radius) for a, b, length, radius in _PAIRS if known[a] and known[b]]
-    size = float(np.clip(np.median([np.linalg.norm(a - b) / length for a, b, length, _ in bones]), *SIZES))
-    found = [(a, b, radius) for a, b, _, radius in bones]
+    size, found = _bones(known, at)
     found += [(at[j], at[j], FOOT) for j in _ANKLES if known[j]]
-    for elbow, wrist in zip(_ELBOWS, _WRISTS, strict=True):
-        if known[elbow] and known[wrist]:
-            forearm = at[wrist] - at[elbow]
-            found.append(
-                (at[wrist], at[wrist] + HAND[0] * size * forearm / max(float(np.linalg.norm(forearm)), 1e-6), HAND[1])
-            )
     for chain, reaches in _ALL_CHAINS:
         unknown = int(np.argmin(known[chain]))
         if not known[chain].all():
             found.append((at[chain[unknown - 1]], at[chain[unknown - 1]], reaches[unknown - 1]))
+    if not known[_EARS].all():
+        shoulders = at[_SHOULDERS].mean(axis=0)
+        found.append((shoulders, shoulders, HEAD_REACH))
+    return np.array([(*a, *b, size * radius + MARGIN) for a, b, radius in found])
+
+
+def flesh_of(joints: np.ndarray) -> np.ndarray:
+    """[N, 7] capsules as of `limbs_of`, without a margin, of what is surely there: no foot, which points anywhere, and
+    no limb whose end is unknown."""
+    known, at = joints[:, 3] > 0, joints[:, :3].astype(np.float64)
+    if not known[_SHOULDERS + _HIPS].all():
+        return np.zeros((0, 7))
+    size, found = _bones(known, at)
+    return np.array([(*a, *b, size * radius) for a, b, radius in found])
+
+
+def _bones(known: np.ndarray, at: np.ndarray) -> tuple[float, list[tuple[np.ndarray, np.ndarray, float]]]:
+    """The body's size over that of 1.75 m, and (one end, other end, radius of that body) of bones whose ends [17, 3]
+    are known [17], hands, spine, and a head whose ears are known."""
+    bones = [(at[a], at[b], length, radius) for a, b, length, radius in _PAIRS if known[a] and known[b]]
+    size = float(np.clip(np.median([np.linalg.norm(a - b) / length for a, b, length, _ in bones]), *SIZES))
+    found = [(a, b, radius) for a, b, _, radius in bones]
+    for elbow, wrist in zip(_ELBOWS, _WRISTS, strict=True):
+        if known[elbow] and known[wrist]:
+            forearm = at[wrist] - at[elbow]
+            hand = HAND[0] * size * forearm / max(float(np.linalg.norm(forearm)), 1e-6)
+            found.append((at[wrist], at[wrist] + hand, HAND[1]))
     shoulders, head = at[_SHOULDERS].mean(axis=0), at[_EARS].mean(axis=0)
     found.append((shoulders, at[_HIPS].mean(axis=0), SPINE))
-    found += (
-        [(head, head, HEAD), (head, shoulders, NECK)] if known[_EARS].all() else [(shoulders, shoulders, HEAD_REACH)]
-    )
-    return np.array([(*a, *b, size * radius + MARGIN) for a, b, radius in found])
+    if known[_EARS].all():
+        found += [(head, head, HEAD), (head, shoulders, NECK)]
+    return size, found
 
 
 def bounded(
@@ -139,6 +157,28 @@ def bounded(
         )
         out[v] = (moved, far)
     return out
+
+
+def first_met(rig: Rig, view: int, wanted: np.ndarray, capsules: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Depth [h, w] float32, metres, at which the rays of the `wanted` pixels [h, w] bool enter the first of the
+    capsules [N, 7], 0 where they meet none, and which of them that is, -1 for none."""
+    depth, which = np.zeros(wanted.shape, np.float32), np.full(wanted.shape, -1, np.int32)
+    rows, columns = np.nonzero(wanted)
+    depth[rows, columns], which[rows, columns] = _first(*_rays(rig, view, rows, columns), capsules)
+    return depth, which
+
+
+@compiled
+def _first(origin: np.ndarray, directions: np.ndarray, capsules: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Depth [n] at which rays [n, 3] enter the first capsule in front of the camera, and its index."""
+    depth, which = np.zeros(len(directions), np.float32), np.full(len(directions), -1, np.int32)
+    for n in range(len(directions)):
+        nearest = np.inf
+        for k in range(capsules.shape[0]):
+            low, _ = _through(origin, directions[n], capsules[k])
+            if 0 < low < nearest:
+                nearest, depth[n], which[n] = low, low, k
+    return depth, which
 
 
 def _rays(rig: Rig, view: int, rows: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

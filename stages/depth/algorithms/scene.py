@@ -43,6 +43,8 @@ class Frame:
     limbs: np.ndarray = field(default_factory=lambda: np.zeros((0, 7)))
     """[N, 7] capsules of the subject's limbs (`posegaussian.stages.depth.algorithms.pose_prior`), where joints are
     believed."""
+    flesh: np.ndarray = field(default_factory=lambda: np.zeros((0, 7)))
+    """[M, 7] capsules of what of them is surely there."""
 
     @property
     def inside(self) -> dict[int, np.ndarray]:
