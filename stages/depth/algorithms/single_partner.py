@@ -1,7 +1,8 @@
 """Views with a single partner: where their first search looks, and how what it leaves open is filled.
 
-The hull of such a view is mostly the partner's silhouette, and its sides run along the partner's rays: windows that
-follow them collapse to a column in the partner's picture. They follow a plane instead that faces both cameras alike.
+The hull of such a view is mostly the partner's silhouette where few others carve it, and its sides run along the
+partner's rays: windows that follow them collapse to a column in the partner's picture. There they follow a plane
+instead that faces both cameras alike.
 What one camera of a pair sees and the other does not, nobody else sees either, and it belongs to the nearer or to the
 farther of its surroundings. Joints tell which: a gap lies on the limb that its rays meet, as far off its capsule as was
 measured elsewhere on that limb; and they allow the whole of the hull to be searched, in whose back phantoms lie, since
@@ -21,6 +22,10 @@ from posegaussian.stages.matching.bounds import Bounds, within_hull
 from posegaussian.stages.matching.fuse import complete
 from posegaussian.stages.matching.sampling import extend
 
+FEW = 3
+"""Views, at most, of which a hull is mostly one partner's silhouette. With seven photographs of `bust`, at whose ends
+others carve, too, windows that follow the hull have 0.03 dB more.
+"""
 CORE = 0.4
 """Share of a limb's radius that rays do not meet by chance, however joints err."""
 OWN = 0.12
@@ -64,7 +69,8 @@ def searched(
     (near, far), bounds = hull, within_hull(*hull, in_front)
     if view not in single:
         return bounds, (bounds.near, far)
-    guide, limbs = np.where(near > 0, _facing(geometry, view), 0).astype(np.float32), single[view]
+    few, limbs = len(geometry.views) <= FEW, single[view]
+    guide = np.where(near > 0, _facing(geometry, view), 0).astype(np.float32) if few else bounds.guide
     if limbs is None:
         return Bounds(guide, bounds.near, bounds.far), (bounds.near, far)
     last = np.where(limbs.core > 0, np.clip(limbs.core + OWN, near, far), far).astype(np.float32)

@@ -65,6 +65,18 @@ def test_windows_follow_a_plane_through_the_subject_that_both_cameras_see_at_the
         np.testing.assert_allclose(angles[0], angles[1], atol=1e-5)
 
 
+def test_windows_follow_a_hull_that_many_views_carve(kick: PersonCapture) -> None:
+    """Four views of a ring, the first two neighbours, the others across: each has a single partner."""
+    views = (0, 1, 4, 5)
+    geometry, frame = geometry_of(kick, views), frame_of(kick, views)
+    found = hulls(geometry, frame)
+    single = with_single_partner(geometry, frame, found)
+    assert set(single) == set(views)
+    for v in views:
+        bounds, _ = searched(geometry, v, found[v], 0.0, single)
+        np.testing.assert_array_equal(bounds.guide, found[v][0])
+
+
 def test_the_search_ends_behind_the_front_of_bones_and_nowhere_outside_the_hull(kick: PersonCapture) -> None:
     geometry, frame = geometry_of(kick, PAIR), frame_of(kick, PAIR)
     found = hulls(geometry, frame)
