@@ -14,7 +14,7 @@ from posegaussian.storage.archive.receipts import MOST_NUMBER, Receipt, scan_rec
 from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.files.names import folders_in, is_word, parse_json, read_file
 from posegaussian.storage.files.write import write_atomically
-from posegaussian.storage.model.errors import ArchiveError
+from posegaussian.storage.model.errors import ArchiveError, LedgerDamaged
 from posegaussian.storage.model.spec import digest
 
 LEDGER = "ledger.parquet"
@@ -202,8 +202,8 @@ def _rows(archive: Archive, name: str) -> list[dict[str, Any]]:
 
 
 def _table(archive: Archive, columns: Sequence[str]) -> Any:
-    """Columns of the ledger, those of them that it has; None where there is no ledger. Raises ArchiveError for what is
-    no ledger."""
+    """Columns of the ledger, those of them that it has; None where there is no ledger. Raises LedgerDamaged for what is
+    no ledger, and what `place` does for what is not in the archive."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -223,7 +223,7 @@ def _table(archive: Archive, columns: Sequence[str]) -> Any:
             return table
     except (pa.ArrowException, OSError) as e:
         wrong = [str(e)]
-    raise ArchiveError(
+    raise LedgerDamaged(
         f"{file} is damaged or no ledger ({wrong[0][:200]}); what it would say is taken from the receipts and the runs'"
         " logs, and the next run writes it anew"
     )
@@ -233,7 +233,7 @@ def faults(archive: Archive) -> list[str]:
     """A sentence about a ledger that cannot be read."""
     try:
         _table(archive, COLUMNS)
-    except ArchiveError as e:
+    except LedgerDamaged as e:
         return [str(e)]
     return []
 
@@ -251,7 +251,7 @@ def read(archive: Archive, columns: Sequence[str] = COLUMNS) -> list[dict[str, A
     lacks a column. Where it is damaged, as `faults` says, the rows are those of a new one."""
     try:
         found = _table(archive, columns)
-    except ArchiveError:
+    except LedgerDamaged:
         return [{c: row[c] for c in columns} for row in _every_row(archive)]
     rows = [] if found is None else found.to_pylist(maps_as_pydicts="strict")
     return [{c: row.get(c) for c in columns} for row in rows]

@@ -34,6 +34,10 @@ class ShardMissing(ArchiveError):
     """A shard that a receipt promises is not there."""
 
 
+class LedgerDamaged(ArchiveError):
+    """A ledger that is none: what it would say follows from receipts and logs."""
+
+
 class ShardCorrupt(ArchiveError):
     """A shard whose size or content is not what its receipt promises."""
 

@@ -51,7 +51,7 @@ def test_names_in_brackets_are_shown_as_they_are() -> None:
     with console.capture() as captured:
         console.print(failed_table([FailedTask(task, "no disk", "2026-01-01T00:00:00", "run")]))
         console.print(failures_table([TaskFailed(task, "no disk", "")], [], {name: (camera,)}))
-        console.print(garbage_collection.table([item]))
+        console.print(garbage_collection.table([item], 200))
         for table in status_tables({name: {s.name: dict(COUNTS) for s in STAGES}}, 400):
             console.print(table)
     assert captured.get().count(name) == 4
