@@ -26,7 +26,7 @@ from posegaussian.dags.session.next_steps import after_export
 from posegaussian.storage.exporters.layouts.registry import LAYOUTS
 from posegaussian.storage.model.errors import ConfigError
 
-PathOption = Annotated[
+ExportPathOption = Annotated[
     str | None,
     typer.Option(
         "--path",
@@ -119,7 +119,7 @@ BudgetOption = Annotated[
 
 def export(
     sequence: Annotated[str, typer.Argument(help="Name of the sequence.")],
-    path: PathOption = None,
+    path: ExportPathOption = None,
     video: VideoOption = None,
     frames: FramesOption = None,
     sheet: SheetOption = None,

@@ -24,8 +24,7 @@ from posegaussian.stages.matching.sampling import extend
 
 FEW = 3
 """Views, at most, of which a hull is mostly one partner's silhouette. With seven photographs of `bust`, at whose ends
-others carve, too, windows that follow the hull have 0.03 dB more.
-"""
+others carve, too, windows that follow the hull have 0.03 dB more."""
 CORE = 0.4
 """Share of a limb's radius that rays do not meet by chance, however joints err."""
 OWN = 0.12
