@@ -11,6 +11,7 @@ answers, its surest ones first where there is a choice; bad-2px is the share of 
 
 from __future__ import annotations
 
+import argparse
 import os
 import time
 from dataclasses import dataclass
@@ -113,6 +114,8 @@ def bad(
 
 def main() -> None:
     """Match with both, publish the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.parse_args()
     cv2.setNumThreads(1)
     pair, rows = load(), []
     by_sweep(pair)  # compiles

@@ -9,9 +9,10 @@ of bytes on disk to bytes before compression: the highest of the archives, since
 
 from __future__ import annotations
 
+import argparse
 import statistics
-import sys
 from collections import defaultdict
+from collections.abc import Sequence
 
 from posegaussian.stages.registry import STAGES
 from posegaussian.storage.archive.ledger import row
@@ -19,9 +20,12 @@ from posegaussian.storage.archive.receipts import Receipt, scan_receipts
 from posegaussian.storage.archive.store import Archive
 
 
-def main(urls: list[str]) -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print a line a stage."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("archives", nargs="+", metavar="ARCHIVE")
     found: dict[str, list[list[Receipt]]] = defaultdict(list)
-    for url in urls:
+    for url in parser.parse_args(arguments).archives:
         archive, of_stage = Archive.open(url), defaultdict(list)
         for receipt in (r for name in archive.names() for r in scan_receipts(archive.sequence(name))):
             of_stage[receipt.stage].append(receipt)
@@ -41,4 +45,4 @@ def ratio(receipts: list[Receipt]) -> float:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

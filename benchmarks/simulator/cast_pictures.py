@@ -5,12 +5,14 @@ python -m benchmarks.simulator.cast_pictures      writes docs/reference/cast.png
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 
+from benchmarks.report import ROOT
 from posegaussian.stages.simulator.scene import Scene
 from posegaussian.stages.simulator.setup import stage
 from posegaussian.stages.simulator.subjects.splits import (
@@ -83,6 +85,10 @@ def seed_of(person: str) -> int:
 
 
 def main() -> None:
+    """Draw both, write them."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--folder", type=Path, default=ROOT / "docs" / "reference", help="that is there already")
+    folder = parser.parse_args().folder
     people = [pictures(seed_of(p), p, o, "stand", 0.0, (25.0, 205.0), (130, 300), 0.9) for p, o in WEARERS]
     cast = np.vstack([np.hstack([pair[side] for pair in people]) for side in (0, 1)])
     motions = np.hstack(
@@ -92,7 +98,9 @@ def main() -> None:
         ]
     )
     for name, picture in (("cast", cast), ("motions", motions)):
-        cv2.imwrite(str(Path("docs/reference") / f"{name}.png"), picture[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
+        file = folder / f"{name}.png"
+        if not cv2.imwrite(str(file), picture[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9]):
+            raise SystemExit(f"{file} was not written; --folder names one that is there and takes files")
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ from posegaussian.dags.budget.decibels import Decibels
 from posegaussian.dags.budget.expected import given
 from posegaussian.dags.budget.front_table import front_points
 from posegaussian.dags.budget.points import POINTS, PRESETS, Point, preset
+from posegaussian.dags.planning.plan import Plan
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.session.session import Session
 from posegaussian.storage.model.errors import ConfigError
@@ -28,9 +29,11 @@ class Bought:
     choice: Choice | None
     """None for a preset, of which nothing is measured."""
 
-    def against(self, seconds: float) -> list[str]:
-        """What was expected beside the seconds that a run took."""
-        return [] if self.choice is None else [self.choice.against(seconds)]
+    def against(self, seconds: float, plans: Sequence[Plan]) -> list[str]:
+        """What was expected beside the seconds that a run of plans took, and beside what it measured."""
+        from posegaussian.dags.diagnostics.held_out_quality import as_measured
+
+        return [] if self.choice is None else self.choice.against(seconds, as_measured(plans))
 
 
 def bought(
@@ -52,10 +55,14 @@ def bought(
         raise ConfigError(f"run: --budget {budget} and --quality {quality}: either chooses the settings; drop one")
     if budget in PRESETS:
         return _preset(session, names, str(budget), front)
+
+    def points() -> Sequence[Point]:
+        return POINTS if front is None else front_points(front, [session.undecided(n, paths) for n in names])
+
     if budget is not None:
-        choice = affordable(session, names, paths, Amount.of(budget), selection, _points(front))
+        choice = affordable(session, names, paths, Amount.of(budget), selection, points())
     elif quality is not None:
-        choice = good_enough(session, names, paths, Decibels.of(quality), selection, _points(front))
+        choice = good_enough(session, names, paths, Decibels.of(quality), selection, points())
     else:
         raise ConfigError(
             f"run: --front {front} is for --budget or --quality; say how many seconds there are, as --budget 3s/frame,"
@@ -74,10 +81,6 @@ def _preset(session: Session, names: Sequence[str], name: str, front: Path | Non
     own = f"; {', '.join(kept)} as you set it" if kept else ""
     session.say([f"budget {name}: {preset(name).told}{own}"])
     return _told(session, values, None)
-
-
-def _points(front: Path | None) -> Sequence[Point]:
-    return POINTS if front is None else front_points(front)
 
 
 def _told(session: Session, values: Mapping[str, Any], choice: Choice | None) -> Bought:

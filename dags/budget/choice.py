@@ -4,7 +4,7 @@ machine and capture."""
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -38,12 +38,21 @@ class Choice:
             lines.append(f"next cheaper: {self.cheaper.told(self.frames)}")
         return lines
 
-    def against(self, seconds: float) -> str:
-        """What was expected beside what a run took."""
-        return (
-            f"{self.asked}: {seconds_text(self.chosen.seconds)} were expected, {seconds_text(seconds)} it took"
-            f" ({seconds / self.frames:.2g} s a frame)"
-        )
+    def against(self, seconds: float, measured: Sequence[float]) -> list[str]:
+        """What was expected beside what a run took, and beside the box PSNR, dB, of the held-out pictures that it
+        measured, if there are any."""
+        took = f"{seconds_text(seconds)} it took ({seconds / self.frames:.2g} s a frame)"
+        lines = [f"{self.asked}: {seconds_text(self.chosen.seconds)} were expected, {took}"]
+        if measured:
+            reached, promised = sum(measured) / len(measured), self.chosen.promised
+            # a smaller picture hides what a larger one would show
+            enlarged = " of them once enlarged" if self.chosen.values.get("frames.size") is not None else ""
+            expected = "" if promised is None else f", {promised:.2f} dB were expected{enlarged}"
+            lines.append(
+                f"{self.asked}: held-out cameras reached {reached:.2f} dB in the box, mean of"
+                f" {number(len(measured), 'picture')}{expected}"
+            )
+        return lines
 
 
 def preset_values(session: Session, names: Sequence[str], name: str) -> dict[str, Any]:
@@ -75,14 +84,7 @@ def affordable(
         session.say(
             [f"measuring what settings take on a few frames of {name}: the cheapest, then those near the budget"]
         )
-        tried: dict[int, Expected | None] = {}
-        place: int | None = 0
-        while place is not None:
-            tried[place] = trials[place]
-            left = amount.over(frames) - measuring()
-            place = _next(trials, tried, left)
-        known = {n: e for n, e in tried.items() if e is not None}
-        fitting = {n: e for n, e in known.items() if e.seconds <= left}
+        known, fitting = _measured(trials, amount, measuring)
     if not known:
         raise ConfigError(f"--budget {amount}: none of the settings can be run on this capture, see above")
     if not fitting:
@@ -105,6 +107,39 @@ def affordable(
         None if better is None else known[better],
         frames,
     )
+
+
+def _measured(
+    trials: Trials, amount: Amount, measuring: Callable[[], float]
+) -> tuple[dict[int, Expected], dict[int, Expected]]:
+    """Points by number: those that were tried and can be run, and of these those that fit into what `measuring`,
+    seconds so far, leaves of the amount.
+
+    Nothing more is tried where that, should it take as long as any did, would leave less than the dearest takes that is
+    known to fit. Where it takes longer yet and nothing fits any more, the cheapest that did counts: a run that ends
+    late is better than none.
+    """
+    known: dict[int, Expected] = {}
+    fitted: dict[int, Expected] = {}
+    tried: dict[int, Expected | None] = {}
+    place: int | None = 0
+    longest = 0.0
+    while place is not None:
+        before = measuring()
+        tried[place] = found = trials[place]
+        longest, left = max(longest, measuring() - before), amount.over(trials.frames) - measuring()
+        if found is not None:
+            known[place] = found
+            fitted |= {place: found} if found.seconds <= left else {}
+        if fitted and not amount.a_frame and left - longest < fitted[max(fitted)].seconds:
+            break
+        place = _next(trials, tried, left)
+    fitting = {n: e for n, e in known.items() if e.seconds <= left}
+    if fitted and not fitting:
+        cheapest = min(fitted)
+        fitting = {cheapest: fitted[cheapest]}
+        trials.session.say(["measuring took longer than was foreseen: the run will end late"])
+    return known, fitting
 
 
 def _next(trials: Trials, tried: Mapping[int, Expected | None], left: float) -> int | None:
@@ -155,7 +190,7 @@ def good_enough(
             if chosen is not None:
                 better = expected
                 break
-            if expected.reached is None or expected.reached < wanted.psnr:
+            if expected.reached is None or not wanted.met(expected.reached):
                 short.append(expected)
                 continue
             chosen = expected
@@ -172,7 +207,7 @@ def _around(points: Sequence[Point], wanted: Decibels) -> Sequence[Point]:
     """The first of points, cheapest first, that was measured to be so good, the one before it and all behind, which are
     tried as far as one of them can be run. Raises ConfigError."""
     reached = [p.reached for p in points if p.reached is not None]
-    first = next((i for i, psnr in enumerate(reached) if psnr >= wanted.psnr), None)
+    first = next((i for i, psnr in enumerate(reached) if wanted.met(psnr)), None)
     if first is None:
         raise _too_good(wanted, reached)
     return points[max(0, first - 1) :]

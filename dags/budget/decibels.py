@@ -36,5 +36,9 @@ class Decibels:
         """The most of a tenth of a dB that is not above it."""
         return cls(math.floor(psnr * 10) / 10)
 
+    def met(self, psnr: float) -> bool:
+        """Whether it is reached, at the two digits that are shown."""
+        return round(psnr, 2) >= round(self.psnr, 2)
+
     def __str__(self) -> str:
         return f"{self.psnr:g}dB"

@@ -51,6 +51,12 @@ class Expected:
         return f"{p.name} ({p.told}): {seconds_text(self.seconds)}, {self.seconds / frames:.2g} s a frame, {self.worth}"
 
     @property
+    def promised(self) -> float | None:
+        """`reached`, where it was with all settings as they will be."""
+        alike = self.compared is not None or self.values.keys() == self.point.knobs
+        return self.reached if alike else None
+
+    @property
     def worth(self) -> str:
         """Its quality, in words."""
         if self.compared is not None:
@@ -81,10 +87,10 @@ class Trials:
         """Of all sequences."""
         chosen = [c for c in self.contexts if c.held_out] if compared else self.contexts
         if not chosen:
-            instead = "" if any(p.reached is not None for p in points) else ", or give a --front"
             raise ConfigError(
                 f"--quality: no camera of {', '.join(names)} is held out to measure by; keep some aside, for example"
-                f" --set 'views.held_out=[{self.contexts[0].capture.rig.names[-1]}]'{instead}"
+                f" --set 'views.held_out=[{self.contexts[0].capture.rig.names[-1]}]', or give a"
+                " --front that was measured with these settings"
             )
         largest = max(chosen, key=_work)
         self.probe = Probe(largest, session, sum(len(c.grid.partitions) for c in self.contexts), compared)
@@ -182,8 +188,9 @@ def seconds(
             with_values(context.settings, values),
             context.path_texts if context.asked_for else (),
         )
-        loads, tasks = Loads(own), Tasks()
-        for verdict in make_plan(own, selection).verdicts.values():
+        plan, tasks = make_plan(own, selection), Tasks()
+        loads = Loads(plan.context)  # what the survey decided may give other camera paths
+        for verdict in plan.verdicts.values():
             task = verdict.task
             if verdict.state in READY or task.stage not in rates:
                 continue

@@ -27,7 +27,7 @@ class Point:
     measured: str | None = None
     """What was measured of it where that was on a sequence of the user's."""
     reached: float | None = None
-    """Box PSNR of held-out cameras there, dB."""
+    """Box PSNR of held-out cameras there, dB; None where all else was set otherwise."""
 
     @property
     def knobs(self) -> frozenset[str]:

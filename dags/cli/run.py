@@ -163,7 +163,7 @@ def run(
     session.say(failed, "red")
 
     def closing(seconds: float) -> None:
-        session.say(settled.against(seconds) if settled is not None else ())
+        session.say(settled.against(seconds, plans) if settled is not None else ())
         after_run.tell(session, seconds)
 
     ended = session.run_and_report(plans, selection, failed, say_next=True, closing=closing)

@@ -8,12 +8,13 @@ metrics stage's measure, bit by bit.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from posegaussian.dags.planning.context import Context
+from posegaussian.dags.planning.plan import Plan
 from posegaussian.dags.planning.results import Results
 from posegaussian.stages.metrics.measures.registry import METRICS
 from posegaussian.stages.network.params import depth_array
@@ -73,6 +74,22 @@ def box_psnr(context: Context, reference: Context) -> float:
     """The mean of `psnr box` alone, dB. Contexts as of `quality`, of which some picture shows somebody."""
     found = [v for frames in _partitions(context) for _, v in _pictures(context, reference, frames, ["psnr"], "box")]
     return float(np.mean(found))
+
+
+def as_measured(plans: Iterable[Plan]) -> list[float]:
+    """Box PSNR, dB, of every held-out picture of plans that the metrics stage has measured, at the size it is drawn
+    in."""
+    return [
+        row["value"]
+        for plan in plans
+        for row in Results(plan.context, plan.book).rows(
+            o
+            for t in plan.verdicts
+            if t.stage == "metrics" and t in plan.book.receipts
+            for o in plan.book.receipts[t].outputs
+        )
+        if (row["measure"], row["region"]) == ("psnr", "box") and row["value"] is not None
+    ]
 
 
 def compared(context: Context, reference: Context, frames: range) -> Iterator[Compared]:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from posegaussian.dags.diagnostics.held_out_quality import held_out_path
-from posegaussian.dags.evaluation.measured import pictures
+from posegaussian.dags.evaluation.measured import hidden_pictures, pictures
 from posegaussian.dags.evaluation.methods import OURS, Method
 from posegaussian.dags.evaluation.results import Result, data_set, with_means
 from posegaussian.dags.evaluation.spent import MEASURES, costs, hosts
@@ -140,6 +140,7 @@ def _result(name: str, kind: str, method: Method, plan: Plan | str) -> Result:
         {n.key: n for n in numbers},
         hosts=tuple(hosts(plan)),
         empty=_empty(plan.context, table),
+        hidden=hidden_pictures(table),
     )
 
 

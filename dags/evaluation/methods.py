@@ -11,10 +11,13 @@ from typing import Any
 
 from posegaussian.dags.config.settings import Configuration, from_assignments, validate
 from posegaussian.dags.config.yaml_source import Document
+from posegaussian.stages.rendering.params import GAUSSIANS
 from posegaussian.storage.model.errors import ConfigError
 
 OURS = "posegaussian"
 """The configuration as it stands."""
+DRAWN = f"rendering.method={GAUSSIANS}"
+"""Pictures of our own Gaussians, whatever the user has drawn."""
 OF_HULL = ("depth.method=hull", "network.weights=none", "refinement.steps=0")
 """Settings of whatever starts from the visual hull alone."""
 
@@ -51,22 +54,22 @@ def methods() -> dict[str, Method]:
         Method(
             "fast",
             "the cheap end: depth by the sweep, no network, nothing judged",
-            ("depth.method=sweep", "network.weights=none", "refinement.steps=0"),
+            ("depth.method=sweep", "network.weights=none", "refinement.steps=0", DRAWN),
         ),
         Method(
             "dear",
             "the dear end: every frame refined on its own pictures, 200 steps",
-            ("refinement.steps=200", "refinement.worth=0"),
+            ("refinement.steps=200", "refinement.worth=0", DRAWN),
         ),
         Method(
             "pose_off",
             "the network shown no pose, by weights that a tenth of the training showed none",
-            ("effects.pose_heatmaps=off",),
+            ("effects.pose_heatmaps=off", DRAWN),
         ),
         Method(
             "hull",
             "the visual hull alone as depth, no network",
-            OF_HULL,
+            (*OF_HULL, DRAWN),
         ),
         Method(
             "ibr",

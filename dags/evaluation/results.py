@@ -56,6 +56,8 @@ class Result:
     """Machines that the seconds were taken on."""
     empty: int = 0
     """Held-out pictures that nobody is in, which are not measured."""
+    hidden: int = 0
+    """Held-out pictures in which the subject stands behind something: what is hidden is left out of the measures."""
 
     def value(self, key: Key) -> float | None:
         """None where it has none."""
@@ -108,4 +110,6 @@ def _over(key: Key, results: Sequence[Result]) -> Number:
         return Number(*key, None, first.unit, told, count)
     mean = sequences / sum(1 / v for v in values) if rate else sum(values) / sequences
     told = f"{'harmonic mean' if rate else 'mean'} over {sequences} sequences; {first.definition}"
-    return Number(*key, mean, first.unit, told, count)
+    why = "; ".join(dict.fromkeys(n.why for n in found if n.why))
+    missing, hidden = sum(n.missing for n in found), sum(n.hidden for n in found)
+    return Number(*key, mean, first.unit, told, count, missing, why, hidden)

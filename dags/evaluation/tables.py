@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
+from posegaussian.dags.evaluation.measured import Number
 from posegaussian.dags.evaluation.results import Key, Result, keys
 from posegaussian.dags.humanize.latex import latex_text
 from posegaussian.dags.humanize.markdown import markdown_table
@@ -59,17 +60,19 @@ def columns(results: Sequence[Result]) -> list[Column]:
     units = {k: n.unit for r in results for k, n in r.numbers.items() if n.value is not None}
     found = []
     for key in (k for k in keys(results) if k in units):
-        measure, _, statistic = key
-        if measure in COSTS:
-            title, better = COSTS[measure]
-        else:
-            of = {"deviation": "σ ", "mean": "µ "}[statistic] if METRICS[measure].change_of else ""
-            better = METRICS[measure].better
-            title = of + TITLES.get(measure, METRICS[measure].title)
-            title += "" if units[key] == "1" else f", {units[key]}"
-        found.append(Column(key, title, better, units[key]))
+        better = COSTS[key[0]][1] if key[0] in COSTS else METRICS[key[0]].better
+        found.append(Column(key, _title(key, units[key]), better, units[key]))
     first = {c.title: i for i, c in reversed(list(enumerate(found)))}
     return sorted(found, key=lambda c: (c.key[0] in COSTS, first[c.title]))
+
+
+def _title(key: Key, unit: str) -> str:
+    """Of a measure, with its unit where that is not 1."""
+    measure, _, statistic = key
+    if measure in COSTS:
+        return COSTS[measure][0]
+    of = {"deviation": "σ ", "mean": "µ "}[statistic] if METRICS[measure].change_of else ""
+    return of + TITLES.get(measure, METRICS[measure].title) + ("" if unit == "1" else f", {unit}")
 
 
 def markdown(results: Sequence[Result], protocol: str) -> list[str]:
@@ -78,20 +81,38 @@ def markdown(results: Sequence[Result], protocol: str) -> list[str]:
     head = ["sequence", "method", *(f"{c.title} {c.part}".strip() for c in shown)]
     body = [[r.sequence, r.method, *_cells(r, shown)] for r in results]
     about = dict.fromkeys(f"- {r.sequence}, {r.method}: {NOT_RUN}: {r.why}." for r in results if not r.numbers)
-    about |= dict.fromkeys(
-        f"- {k[0]} {k[2]}: {n.definition}."
-        for r in results
-        for k, n in r.numbers.items()
-        if n.value is None and k not in {c.key for c in shown}
-    )
+    about |= dict.fromkeys(f"- {sentence}" for sentence in _without_column(results, shown))
     about |= dict.fromkeys(line for r in results if r.numbers for line in _missing(r, shown))
-    about |= dict.fromkeys(
-        f"- {r.sequence}: nobody is in {number(r.empty, 'held-out picture')}, which {agreeing} not measured."
-        for r in results
-        if r.empty
-        for agreeing in ("is" if r.empty == 1 else "are",)
-    )
+    about |= dict.fromkeys(f"- {sentence}" for sentence in _qualified(results, shown))
     return [*markdown_table(head, body), "", protocol, *(["", *about] if about else [])]
+
+
+def _without_column(results: Sequence[Result], shown: Sequence[Column]) -> list[str]:
+    """Why numbers that no line has are none, the regions of one reason together."""
+    found: dict[tuple[str, str], dict[str, None]] = {}
+    for r in results:
+        for key, n in r.numbers.items():
+            if n.value is None and key not in {c.key for c in shown}:
+                found.setdefault((_title(key, n.unit), n.definition), {})[key[1]] = None
+    return [f"{title} {', '.join(regions)}".strip() + f": {why}." for (title, why), regions in found.items()]
+
+
+def _qualified(results: Sequence[Result], shown: Sequence[Column]) -> list[str]:
+    """What numbers are not of: pictures that have none, and what is hidden in others."""
+    told = []
+    for r in results:
+        found: dict[str, list[str]] = {}
+        for c in shown:
+            if c.key in r.numbers and (partly := r.numbers[c.key].partly):
+                found.setdefault(partly, []).append(f"{c.title} {c.part}".strip())
+        told += [f"{r.sequence}, {r.method}: {'; '.join(of)}: {partly}." for partly, of in found.items()]
+    for r in results:
+        pictures = number(r.hidden, "held-out picture")
+        told += [f"{r.sequence}: hidden pixels are left out of {pictures}."] if r.hidden else []
+    for r in results:
+        pictures, agreeing = number(r.empty, "held-out picture"), "is" if r.empty == 1 else "are"
+        told += [f"{r.sequence}: nobody is in {pictures}, which {agreeing} not measured."] if r.empty else []
+    return list(dict.fromkeys(told))
 
 
 def _missing(result: Result, shown: Sequence[Column]) -> list[str]:
@@ -122,6 +143,7 @@ def _cells(result: Result, shown: Sequence[Column]) -> list[str]:
 def latex(results: Sequence[Result], protocol: str) -> list[str]:
     """A table for booktabs: a heading over the regions of each measure, its arrow to the better side."""
     shown = columns(results)
+    caption = " ".join([protocol, *_qualified(results, shown)])
     groups = [(t, [c for c in shown if c.title == t]) for t in dict.fromkeys(c.title for c in shown)]
     arrows = {"higher": r" $\uparrow$", "lower": r" $\downarrow$", "": ""}
     heads = [rf"\multicolumn{{{len(of)}}}{{c}}{{{latex_text(t)}{arrows[of[0].better]}}}" for t, of in groups]
@@ -143,7 +165,7 @@ def latex(results: Sequence[Result], protocol: str) -> list[str]:
         else:
             cells = [rf"\multicolumn{{{len(shown)}}}{{c}}{{{NOT_RUN}}}"]
         lines.append(" & ".join([name, latex_text(r.method), *cells]) + r" \\")
-    return [*lines, r"\bottomrule", r"\end{tabular}%", "}", rf"\caption{{{latex_text(protocol)}}}", r"\end{table*}"]
+    return [*lines, r"\bottomrule", r"\end{tabular}%", "}", rf"\caption{{{latex_text(caption)}}}", r"\end{table*}"]
 
 
 def rows(results: Sequence[Result]) -> list[dict[str, Any]]:
@@ -151,8 +173,8 @@ def rows(results: Sequence[Result]) -> list[dict[str, Any]]:
     found = []
     for r in results:
         about = {"sequence": r.sequence, "data_set": r.data_set, "method": r.method}
-        empty: dict[str, Any] = dict.fromkeys(("measure", "region", "statistic", "value", "unit"))
-        found += [{**about, **asdict(n)} for n in r.numbers.values()]
+        found += [{**about, **asdict(n), "definition": n.told} for n in r.numbers.values()]
         if not r.numbers:
-            found.append({**about, **empty, "definition": f"{NOT_RUN}: {r.why}", "count": 0})
+            none = dict.fromkeys(f.name for f in fields(Number))
+            found.append({**about, **none, "definition": f"{NOT_RUN}: {r.why}", "count": 0})
     return found

@@ -166,7 +166,7 @@ def _change(result: Result, column: str, region: str) -> Cell:
 
 def _number(result: Result, key: Key, digits: int) -> Cell:
     value = result.value(key)
-    told = result.numbers[key].definition if key in result.numbers else "not measured"
+    told = result.numbers[key].told if key in result.numbers else "not measured"
     return ("-", told) if value is None else (f"{value:.{digits}f}", told)
 
 

@@ -18,6 +18,7 @@ from typing import Any, Literal
 
 from pydantic import ValidationError
 
+from posegaussian.dags.budget.front_table import measured_under
 from posegaussian.dags.compiling.warm_up import steady_seconds
 from posegaussian.dags.config.faults import dotted, faults_of
 from posegaussian.dags.config.settings import Settings, merge
@@ -391,6 +392,7 @@ def present(session: Session, name: str, levels: Sequence[Level], size: int, rep
         "repeats": str(repeats),
         "measured_at_px": str(size),
         "frames": str(context.grid.frames),
+        **measured_under(context, levels[0].values),
     }
     picture = file.with_suffix(".png")
     write_parquet(file, found, about)

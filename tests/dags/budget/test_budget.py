@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -14,7 +15,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 from typer.testing import CliRunner
 
-from posegaussian.dags.budget import expected
+from posegaussian.dags.budget import choice, expected
 from posegaussian.dags.budget.amount import UNITS, Amount
 from posegaussian.dags.budget.choice import affordable, preset_values
 from posegaussian.dags.budget.expected import START, distinct, given
@@ -23,6 +24,7 @@ from posegaussian.dags.budget.probe import Probe
 from posegaussian.dags.cli.app import app
 from posegaussian.dags.config.settings import load_configuration
 from posegaussian.dags.planning.context import Context, make_context
+from posegaussian.dags.planning.plan import Plan
 from posegaussian.dags.planning.resources import CPU, Pool
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.runtime.executors.serial import SerialBackend
@@ -201,6 +203,20 @@ def test_what_is_expected_grows_with_the_work_and_ends_when_all_is_done(filmed: 
     assert took(4, 1e-4) == START
 
 
+def test_pictures_of_a_path_that_the_survey_decided_on_are_counted(
+    filmed: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Which cameras are believed may change it."""
+    made = expected.make_plan
+
+    def decided(context: Context, selection: Selection) -> Plan:
+        return made(make_context(context.sequence, context.settings, ("orbit",)), selection)
+
+    monkeypatch.setattr(expected, "make_plan", decided)
+    took, once = expected.seconds(session_contexts(session_of(filmed)), {}, {"rendering": 1e-4}, 1)
+    assert took > once
+
+
 def session_contexts(session: Session) -> list[Context]:
     return [make_context(session.archive.sequence(NAME), session.configuration.for_sequence(NAME), ())]
 
@@ -227,3 +243,36 @@ def test_a_preset_runs_as_its_settings_would(filmed: Pipeline, tmp_path: Path) -
     chosen = [w for k, v in preset("preview").values(48).items() for w in ("--set", f"{k}={v}")]
     again = CliRunner().invoke(app, ["run", *words, *chosen])
     assert "all fresh, nothing to do" in again.output
+
+
+@settings(derandomize=True, deadline=None, max_examples=60)
+@drawn(
+    st.lists(st.floats(1, 90), min_size=len(POINTS), max_size=len(POINTS)).map(sorted),
+    st.lists(st.floats(0.1, 60), min_size=len(POINTS), max_size=len(POINTS)),
+    st.floats(5, 200),
+    st.booleans(),
+)
+def test_what_fitted_when_it_was_measured_is_not_lost_to_measuring(
+    filmed: Pipeline, took: list[float], probes: list[float], budget: float, even: bool
+) -> None:
+    """Of probes that take no longer than the first the dearest that fitted is run, and ends in time; others may take
+    what was left, and then it is one that fitted."""
+    clock, fitted = [0.0], list[int]()
+    if took[0] + probes[0] > budget:
+        return  # not even the cheapest fits
+
+    def seconds(contexts: object, values: dict[str, Any], *_: object) -> tuple[float, float]:
+        n = number_of(values)
+        clock[0] += probes[0] if even else probes[n]
+        fitted.extend([n] if took[n] <= budget - clock[0] else [])
+        return took[n], 0.0
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(choice, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+        patch.setattr(Probe, "rates", lambda probe, values: {})
+        patch.setattr(expected, "seconds", seconds)
+        made = affordable(session_of(filmed), [NAME], (), Amount(budget, False, ""), Selection())
+    assert number_of(dict(made.chosen.values)) in fitted
+    if even:
+        assert made.chosen.point == POINTS[max(fitted)]
+        assert clock[0] + made.chosen.seconds <= budget + 1e-9

@@ -13,7 +13,7 @@ from posegaussian.dags.budget import expected
 from posegaussian.dags.budget.amount import Amount
 from posegaussian.dags.budget.bought import bought
 from posegaussian.dags.budget.choice import affordable
-from posegaussian.dags.budget.front_table import front_points
+from posegaussian.dags.budget.front_table import front_points, measured_under
 from posegaussian.dags.budget.probe import Probe
 from posegaussian.dags.cli.app import app
 from posegaussian.dags.config.settings import load_configuration
@@ -23,11 +23,12 @@ from posegaussian.dags.tradeoff.tradeoff import write_parquet
 from posegaussian.storage.model.errors import ConfigError
 from tests.support.pipeline import NAME, Pipeline
 
+KNOBS = ("frames.size", "network.weights", "refinement.steps")
+
 
 def row(size: str, weights: str, steps: str, seconds: float, psnr: float, front: bool) -> dict[str, Any]:
-    knobs = {"frames.size": size, "network.weights": weights, "refinement.steps": steps}
     return {
-        **knobs,
+        **dict(zip(KNOBS, (size, weights, steps), strict=True)),
         "depth s/frame": 0.1,
         "total s/frame": seconds,
         "psnr box dB": psnr,
@@ -37,15 +38,16 @@ def row(size: str, weights: str, steps: str, seconds: float, psnr: float, front:
 
 
 @pytest.fixture
-def table(tmp_path: Path) -> Path:
-    """Three settings, dearest first, and one that another beats."""
+def table(finished: Pipeline, tmp_path: Path) -> Path:
+    """Three settings, dearest first, and one that another beats, measured with what is set here."""
     rows = [
         row("full", "auto", "50", 9.0, 29.5, True),
         row("full", "none", "20", 4.0, 27.25, True),
         row("24", "none", "0", 1.0, 22.0, True),
         row("24", "auto", "0", 5.0, 21.0, False),
     ]
-    write_parquet(tmp_path / "tradeoff.parquet", rows, {"sequence": "walk"})
+    under = measured_under(session_of(finished).undecided(NAME, ()), KNOBS)
+    write_parquet(tmp_path / "tradeoff.parquet", rows, {"sequence": "walk", **under})
     return tmp_path / "tradeoff.parquet"
 
 
@@ -55,7 +57,7 @@ def session_of(pipeline: Pipeline, *more: str) -> Session:
 
 
 def test_points_are_the_front_as_settings_cheapest_first(table: Path) -> None:
-    points = front_points(table)
+    points = front_points(table, ())
     assert [p.settings for p in points] == [
         {"frames.size": 24, "network.weights": "none", "refinement.steps": 0},
         {"frames.size": None, "network.weights": "none", "refinement.steps": 20},
@@ -64,6 +66,36 @@ def test_points_are_the_front_as_settings_cheapest_first(table: Path) -> None:
     assert [p.against for p in points] == [-7.5, -2.25, 0.0]
     assert "27.25 dB on held-out cameras of walk" in points[1].worth
     assert "refinement.steps 20" in points[1].told
+
+
+@pytest.mark.parametrize(
+    ("more", "known"),
+    [
+        ((), True),
+        (("refinement.steps=7", "frames.size=24"), True),  # knobs
+        (("frames.range=0:4", "rendering.paths=[orbit]", "metrics.measures=[ssim]", "run.threads=2"), True),
+        (("views.held_out=[]",), True),  # nothing to measure by
+        (("rendering.sources=1",), False),
+        (("effects.hole_filling=off",), False),
+        (("views.held_out=[cam00]",), False),
+        (("views.sources=uniform 3",), False),
+        ((f"sequences={{{NAME}: {{depth: {{pairs: 1}}}}}}",), False),
+    ],
+)
+def test_what_a_front_reached_is_known_where_all_else_is_set_as_it_was_measured(
+    finished: Pipeline, table: Path, more: tuple[str, ...], known: bool
+) -> None:
+    points = front_points(table, [session_of(finished, *more).undecided(NAME, ())])
+    assert [p.reached for p in points] == ([22.0, 27.25, 29.5] if known else [None] * 3)
+    assert all(("with other settings" in p.worth) is not known for p in points)
+
+
+def test_of_an_older_front_that_does_not_say_how_it_was_measured_nothing_is_known(
+    finished: Pipeline, tmp_path: Path
+) -> None:
+    write_parquet(tmp_path / "old.parquet", [row("24", "none", "0", 1.0, 22.0, True)], {"sequence": "walk"})
+    (point,) = front_points(tmp_path / "old.parquet", [session_of(finished).undecided(NAME, ())])
+    assert point.reached is None
 
 
 @pytest.mark.parametrize(
@@ -95,20 +127,20 @@ def test_what_is_no_front_is_refused_in_a_sentence(
     finished: Pipeline, table: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with pytest.raises(ConfigError, match=r"a tradeoff\.parquet is expected"):
-        front_points(tmp_path / "none.parquet")
+        front_points(tmp_path / "none.parquet", ())
     (tmp_path / "text.parquet").write_text("no table")
     with pytest.raises(ConfigError, match=r"a tradeoff\.parquet is expected"):
-        front_points(tmp_path / "text.parquet")
+        front_points(tmp_path / "text.parquet", ())
     write_parquet(tmp_path / "other.parquet", [{"a": 1}], {"sequence": "walk"})
     with pytest.raises(ConfigError, match="its columns are a"):
-        front_points(tmp_path / "other.parquet")
+        front_points(tmp_path / "other.parquet", ())
     write_parquet(tmp_path / "beaten.parquet", [row("24", "none", "0", 1.0, 22.0, False)], {"sequence": "walk"})
     with pytest.raises(ConfigError, match="no line of it is on the front"):
-        front_points(tmp_path / "beaten.parquet")
+        front_points(tmp_path / "beaten.parquet", ())
     unmeasured = {**row("24", "none", "0", 1.0, 22.0, True), "psnr box dB": None}
     write_parquet(tmp_path / "unmeasured.parquet", [unmeasured], {"sequence": "walk"})
     with pytest.raises(ConfigError, match="no line of it is on the front with a number of psnr box dB"):
-        front_points(tmp_path / "unmeasured.parquet")
+        front_points(tmp_path / "unmeasured.parquet", ())
     write_parquet(tmp_path / "older.parquet", [row("24", "none", "many", 1.0, 22.0, True)], {"sequence": "walk"})
     with pytest.raises(ConfigError, match=r"line 1 of older\.parquet: refinement\.steps"):
         bought(session_of(finished), [NAME], (), Selection(), "9s/frame", front=tmp_path / "older.parquet")
@@ -125,7 +157,7 @@ def test_nothing_that_fits_names_what_the_cheapest_takes(
     monkeypatch.setattr(Probe, "rates", lambda probe, values: {})
     monkeypatch.setattr(expected, "seconds", lambda *_: (1e3, 0.0))
     with pytest.raises(ConfigError, match=r"the cheapest settings already take line 3 of tradeoff.* 22\.00 dB on held"):
-        affordable(session_of(finished), [NAME], (), Amount.of("1s/frame"), Selection(), front_points(table))
+        affordable(session_of(finished), [NAME], (), Amount.of("1s/frame"), Selection(), front_points(table, ()))
 
 
 @pytest.mark.parametrize(("amount", "helps"), [("1s/frame", False), ("2s", True)])
@@ -136,5 +168,5 @@ def test_fewer_frames_are_advised_where_they_help(
     monkeypatch.setattr(Probe, "rates", lambda probe, values: {})
     monkeypatch.setattr(expected, "seconds", lambda *_: (1e3, 0.0))
     with pytest.raises(ConfigError, match=r"give at least [\d.]+s.* fewer views by views\.sources") as told:
-        affordable(session_of(finished), [NAME], (), Amount.of(amount), Selection(), front_points(table))
+        affordable(session_of(finished), [NAME], (), Amount.of(amount), Selection(), front_points(table, ()))
     assert ("fewer frames by frames.range" in str(told.value)) is helps

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
+import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from hypothesis import given as drawn
 from hypothesis import settings
@@ -100,6 +103,12 @@ def test_a_run_by_quality_runs_as_its_settings_would_and_leaves_no_trial(finishe
     assert "quality 3dB, 2 frames: preview" in said
     assert "dB on held-out cameras" in said
     assert "were expected" in said
+    (reached,) = re.findall(
+        r"held-out cameras reached ([\d.]+) dB in the box, mean of 2 pictures, [\d.]+ dB were", said
+    )
+    made = max((copy.root / NAME / "metrics").rglob("*.parquet"), key=lambda f: f.stat().st_mtime)
+    rows = [r for r in pq.read_table(made).to_pylist() if (r["measure"], r["region"]) == ("psnr", "box")]
+    assert float(reached) == pytest.approx(np.mean([r["value"] for r in rows]), abs=0.0051)
     assert not list((copy.root / "_variants").iterdir())
     chosen = [w for k, v in preset("preview").values(48).items() for w in ("--set", f"{k}={v}")]
     again = CliRunner().invoke(app, ["run", *words, *chosen])
@@ -123,6 +132,29 @@ def test_what_a_front_measured_is_not_measured_again(
         patch.setattr(Probe, "reached", lambda probe, values: 27.5)
         own = bought(session_of(finished, "refinement.steps=7"), [NAME], (), Selection(), quality="27dB", front=table)
         assert own.words == ("frames.size=24", "network.weights=none")
+
+
+def test_what_a_front_measured_with_other_settings_is_measured(
+    finished: Pipeline, table: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Probe, "rates", lambda probe, values: {})
+    monkeypatch.setattr(Probe, "reached", lambda probe, values: 19.0 if values["network.weights"] == "none" else 28.0)
+    monkeypatch.setattr(expected, "seconds", lambda *_: (1.0, 0.0))
+    other = session_of(finished, "rendering.sources=1")
+    settled = bought(other, [NAME], (), Selection(), quality="27dB", front=table)
+    assert settled.words == ("frames.size=null", "network.weights=auto", "refinement.steps=50")
+    assert settled.choice is not None
+    assert settled.choice.chosen.promised == 28.0
+    alone = session_of(finished, "rendering.sources=1", "views.held_out=[]")
+    with pytest.raises(ConfigError, match=r"or give a --front that was measured with these settings"):
+        bought(alone, [NAME], (), Selection(), quality="27dB", front=table)
+
+
+@pytest.mark.parametrize("psnr", [22.785, 22.79, 22.7949])
+def test_what_is_shown_to_be_reached_is_reached(psnr: float) -> None:
+    assert Decibels.of("22.79dB").met(psnr)
+    assert not Decibels.of("22.8dB").met(psnr)
+    assert not Decibels.of("22.79dB").met(22.784)
 
 
 def test_nothing_to_measure_by_is_said(finished: Pipeline) -> None:

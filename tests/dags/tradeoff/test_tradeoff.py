@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from posegaussian.dags.budget.front_table import front_points
 from posegaussian.dags.config.settings import load_configuration
 from posegaussian.dags.diagnostics.held_out_quality import quality
 from posegaussian.dags.planning.plan import make_plan
@@ -150,7 +151,7 @@ def test_small_pictures_are_compared_at_full_size(tried: tuple) -> None:
 
 
 def test_the_table_is_kept_with_the_machine_and_the_picture_is_drawn(tried: tuple) -> None:
-    _, levels, out, _ = tried
+    archive, levels, out, _ = tried
     table = pq.read_table(out / "tradeoff.parquet")
     assert table.num_rows == 4
     assert {
@@ -166,6 +167,10 @@ def test_the_table_is_kept_with_the_machine_and_the_picture_is_drawn(tried: tupl
     about = {k.decode(): v.decode() for k, v in table.schema.metadata.items()}
     assert "cores" in about["machine"]
     assert (about["repeats"], about["measured_at_px"]) == ("2", "48")
+    reached = [p.reached for p in front_points(out / "tradeoff.parquet", [archive.context()])]
+    assert reached == [r["psnr box dB"] for r in table.to_pylist() if r["front"]], "known with the settings it had"
+    other = archive.with_settings("rendering.sources=1").context()
+    assert {p.reached for p in front_points(out / "tradeoff.parquet", [other])} == {None}
     assert table["total s/frame"].to_pylist() == sorted(found.total for found in levels)
     assert table["front"].to_pylist()[0], "the cheapest is always on the front"
     picture = np.asarray(read_picture(out / "tradeoff.png"))
