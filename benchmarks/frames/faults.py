@@ -164,6 +164,7 @@ FAULTS = {
     "spots": Fault("two spots a mask, each 7 % of the picture across", mask=_spotted),
     "empty": Fault("one camera's mask is empty", mask=only(2)(lambda m, _v, _r: 0 * m)),
     "whole": Fault("one camera's mask is the whole picture", mask=only(2)(lambda m, _v, _r: 0 * m + 255)),
+    "inverted": Fault("one camera's mask marks the background", mask=only(2)(lambda m, _v, _r: 255 - m)),
     "half": Fault("one camera's mask lacks the lower half", mask=only(2)(_cut(0.5))),
     "legs": Fault("two cameras' masks lack the lower legs", mask=only(1, 5)(_cut(0.75))),
     "turned": Fault("cameras turned by 0.12 degrees, moved by 3 mm", camera=_turned),

@@ -15,7 +15,7 @@ from rich.table import Table
 
 from posegaussian.dags.humanize.listing import listing
 from posegaussian.dags.inspection.judged import left_out_views
-from posegaussian.dags.inspection.portraits import portraits, who_is_who
+from posegaussian.dags.inspection.portraits import portraits, told_by_place, who_is_who
 from posegaussian.dags.planning.context import Context
 from posegaussian.stages.contract.facts import ESTIMATED, JOINTS2D, JOINTS3D, MASKS, Facts
 from posegaussian.stages.depth.params import resolve_method
@@ -165,6 +165,7 @@ def run_inspection(context: Context, console: Console, output: Path | None = Non
     folder = output or Path(f"inspect-{name}")
     pictures = write_pictures(footage, report, folder)
     people = portraits(footage)
+    report = told_by_place(report, people)
     seen = list(zip(people, write_portraits(footage, people, folder), strict=True))
     page = write_page(name, footage, report, pictures, folder / "index.html", seen)
     console.print(table(name, report, console.width))

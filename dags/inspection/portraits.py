@@ -5,7 +5,8 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -14,15 +15,21 @@ from posegaussian.stages.following.appearance import look, together
 from posegaussian.stages.following.choice import name_of
 from posegaussian.stages.following.everybody import CANDIDATES, Everybody
 from posegaussian.stages.geometry.points import to_frames
-from posegaussian.stages.inspection.finding import Finding
+from posegaussian.stages.inspection.finding import TO_MEND, Finding
 from posegaussian.stages.inspection.footage import Footage
 from posegaussian.stages.inspection.people import MEASURE as PEOPLE
+from posegaussian.stages.inspection.people import of_places
+from posegaussian.stages.inspection.report import Report
 from posegaussian.storage.model.joint_sets import to_set
 
 GAP = 1e6
 """Seconds: the few frames that are looked at lie far apart."""
 AROUND = 0.15
 """Share of a person's extent that a picture of them shows around."""
+AGREE = 3
+"""Cameras that must agree on a place: of a body that is not there two agree by chance, where both stand as high."""
+MISFITS = ("agreement", "joint residual", "calibration by joints", "epipolar distance")
+"""Measures that tell of cameras that stand elsewhere than their calibration says."""
 NAMED = (
     "A run follows people through all of its frames and names them by how many pictures show them, so that names may"
     " differ from these; its warnings say who is who. pose.subject: NAME chooses."
@@ -48,6 +55,8 @@ class Portrait:
     """Its source frame number."""
     box: tuple[int, int, int, int]
     """Left, top, right, bottom in that picture, captured px."""
+    places: dict[int, tuple[np.ndarray, int]]
+    """{source frame number: (middle [D], m in space, px of a single camera; cameras that agree on it)}."""
 
     @property
     def sentence(self) -> str:
@@ -59,16 +68,46 @@ class Portrait:
 
 
 def who_is_who(people: Sequence[Portrait], findings: Sequence[Finding]) -> list[str]:
-    """A sentence a person where there are several; before them, where `findings` know of no picture with two, how they
-    are told apart."""
+    """A sentence a person where there are several; before them, where `findings` know of no second one, how they are
+    told apart."""
     if len(people) < 2:
         return []
-    two_in_one = any(f.measure == PEOPLE and f.value for f in findings)
+    known = any(f.measure == PEOPLE and f.value for f in findings)
     apart = (
         f"people by place: {len(people)}, though no picture that was looked at shows two: cameras see different people,"
-        " or one whom they place differently (an error of calibration or detection)"
+        f" or a detector errs{_or_the_calibration(findings)}"
     )
-    return [*([] if two_in_one else [apart]), *(p.sentence for p in people)]
+    return [*([] if known else [apart]), *(p.sentence for p in people)]
+
+
+def told_by_place(report: Report, people: Sequence[Portrait]) -> Report:
+    """The same report, whose finding on people, where no picture shows two, tells of the nearest two that `AGREE`
+    cameras each place apart: of people who touch, a detector often finds the nearer one alone."""
+    apart = [found for a, b in combinations(people, 2) if (found := _nearest(a, b)) is not None]
+    if not apart or any(f.measure == PEOPLE and f.value for f in report.findings):
+        return report
+    distance, number, a, b = min(apart, key=lambda found: found[0])
+    told = (
+        f"two people stand {distance:.1f} m apart in frame {number}: {a.name}, on whom {a.places[number][1]} cameras"
+        f" agree, and {b.name}, on whom {b.places[number][1]} do, though no picture that was looked at shows two: some"
+        f" cameras show the nearer one alone{_or_the_calibration(report.findings)}; one is reconstructed: who is in"
+        " most pictures and largest in them, or whom pose.subject names"
+    )
+    finding = of_places(report.planned, report.footage.names[b.view], len(people), told)
+    return replace(report, findings=tuple(finding if f.measure == PEOPLE else f for f in report.findings))
+
+
+def _nearest(a: Portrait, b: Portrait) -> tuple[float, int, Portrait, Portrait] | None:
+    """(m, source frame number, the two) where two people are nearest of the frames in which both are agreed on."""
+    both = [n for n in a.places if n in b.places and min(a.places[n][1], b.places[n][1]) >= AGREE]
+    found = [(float(np.linalg.norm(a.places[n][0] - b.places[n][0])), n) for n in both]
+    return (*min(found), a, b) if found else None
+
+
+def _or_the_calibration(findings: Sequence[Finding]) -> str:
+    """That it may be one person whom cameras place differently, where what they see does not fit the calibration."""
+    off = [f.measure for f in findings if f.measure in MISFITS and f.verdict in TO_MEND]
+    return f", or the calibration is off and they place one differently ({', '.join(dict.fromkeys(off))})" * bool(off)
 
 
 def portraits(footage: Footage) -> list[Portrait]:
@@ -133,4 +172,5 @@ def _portrait(
         v,
         numbers[f],
         (int(low[0]), int(low[1]), int(np.ceil(high[0])), int(np.ceil(high[1]))),
+        {numbers[f]: (middle, int((where[:, 0] == f).sum())) for f, middle in found.places[person]},
     )

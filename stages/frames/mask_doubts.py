@@ -5,20 +5,41 @@ from __future__ import annotations
 import numpy as np
 
 from posegaussian.stages.frames.params import Matte
-from posegaussian.storage.model.masks import foreground
+from posegaussian.storage.model.masks import ROUND, foreground, rim_share
 
 NEARLY_EMPTY = 0.002
 """Share of the picture below which a mask holds nobody."""
 NEARLY_FULL = 0.7
 ADVICE: dict[Matte, str] = {
     "given": "the masks that came with the capture hold nothing there: is the subject seen by that camera? If not,"
-    " leave it out with views.sources",
+    " leave it out with views.sources; if so, give it masks, or set frames.matte: person, which makes those of all",
     "person": "nobody was found there: is the subject seen by that camera? If so, set frames.matte: none, or import"
     " masks",
     "plate": "a subject that stays in its place becomes part of the background plate: set frames.matte: none, or import"
     " masks",
     "none": "everything is foreground where there is a picture: look at how far the recordings reach",
 }
+
+MARKED = (
+    "they seem to mark the background, or to cut nothing out: if the subject is black in them, write them the other way"
+    " round and import the capture again"
+)
+
+
+def goes_around(given: np.ndarray) -> bool:
+    """Whether a mask [h, w] that came with the capture goes around its picture, and not a subject through it.
+
+    One without any background is none of these: a camera so near that the subject fills its picture has such.
+    """
+    inside = foreground(given)
+    return bool(not inside.all() and rim_share(inside) > ROUND)
+
+
+def around_doubts(around: int, count: int) -> tuple[str, ...]:
+    """The sentence on `around` of `count` given masks of one view for which `goes_around`; none of less than half."""
+    if 2 * around <= count:
+        return ()
+    return (f"{around} of {count} masks are white along more than {ROUND:.0%} of the picture's rim; {MARKED}",)
 
 
 def doubts(mask: np.ndarray, matte: Matte) -> tuple[str, ...]:

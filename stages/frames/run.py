@@ -19,7 +19,7 @@ from posegaussian.stages.frames.facts import (
     OUTLINE_CORRECTION,
     TONE_MAPPING,
 )
-from posegaussian.stages.frames.mask_doubts import doubts
+from posegaussian.stages.frames.mask_doubts import around_doubts, doubts, goes_around
 from posegaussian.stages.frames.params import FramesParams, resolve_matte
 from posegaussian.stages.frames.person_matte import person_matte
 from posegaussian.stages.frames.plate_matte import plate_matte
@@ -126,11 +126,12 @@ def _fill_mask(
     """Fill mask [F, h, w] of one view; sentences about what was missing."""
     (width, height), matte = warp.size, resolve_matte(params, inputs.facts)
     if matte == "given":
-        inwards = _offset(inputs)
+        inwards, around = _offset(inputs), 0
         for frame, given in zip(present, inputs.source("masks").read(inputs.view, numbers), strict=True):
             _same_size(warp, "mask", given)
+            around += goes_around(given)
             _place(mask[frame], warp(moved(given, inwards)))
-        return ()
+        return around_doubts(around, len(present))
     if matte == "none":
         mask[present, :height, :width] = warp.coverage
         return ()

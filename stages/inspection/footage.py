@@ -5,23 +5,34 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
+from itertools import islice
 from typing import Any
 
 import numpy as np
 
-from posegaussian.stages.contract.facts import Facts
+from posegaussian.stages.contract.facts import JOINTS3D, Facts
 from posegaussian.stages.contract.io import Inputs, TaskScope, Views
+from posegaussian.stages.frames.mask_doubts import NEARLY_EMPTY
 from posegaussian.stages.geometry.triangulation import triangulate
 from posegaussian.stages.imaging.color import to_display
 from posegaussian.stages.imaging.small_turns import turned
 from posegaussian.stages.imaging.warp import Warp
-from posegaussian.stages.inspection.joint_fit import joint_offsets, most_joints
+from posegaussian.stages.inspection.joint_fit import joint_offsets, most_joints, people
 from posegaussian.stages.survey.algorithms.joints import RESIDUAL, SCORE, people_of, seen_joints
 from posegaussian.stages.survey.algorithms.silhouettes import masks_of
 from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.model.masks import foreground
 
 PICTURES = 12
 """Pictures in which features are looked for, over all cameras: some seconds."""
+PLACES = (0.5, 0.15, 0.85)
+"""Where pictures are looked at, as shares of the frames: away from the ends, the middle one first."""
+LOOKED_THROUGH = 15
+"""Frames whose masks, or joints that came with the capture, are looked through for somebody."""
+ASKED = (0.15, 0.85, 0.33, 0.67)
+"""Where the estimator is asked for somebody, in this order."""
+ASKED_VIEWS = 8
+"""Cameras of whose pictures it is asked, one each a frame: they take seconds each."""
 JOINT_FRAMES = 30
 """Frames whose joints are triangulated."""
 RUN = 240
@@ -91,6 +102,11 @@ def shared_numbers(numbers: Sequence[np.ndarray], views: Sequence[int]) -> np.nd
     return reduce(np.intersect1d, [numbers[v] for v in views])
 
 
+def _spread(those: Sequence[int] | np.ndarray, places: Sequence[float] | np.ndarray) -> list[int]:
+    """Those at some places, shares of all of them, each once."""
+    return list(dict.fromkeys(int(those[round(float(p) * (len(those) - 1))]) for p in places))
+
+
 @dataclass(eq=False)
 class Footage:
     """A capture as an inspection sees it: all cameras that are believed are sources."""
@@ -110,6 +126,8 @@ class Footage:
     which a run finds joints, where it does."""
     pictures: dict[tuple[int, int], np.ndarray] = field(default_factory=dict)
     """(view, number) -> [h, w, 3] uint8 without lens, as far as they were read."""
+    told: dict[tuple[str, int, int], bool] = field(default_factory=dict)
+    """(reader, view, number) -> whether somebody is in that picture, as far as it was asked."""
 
     @property
     def rig(self) -> Rig:
@@ -199,10 +217,62 @@ class Footage:
 
     @cached_property
     def looked_at(self) -> list[int]:
-        """Frame numbers whose pictures are read: up to three, away from the ends, the middle one first."""
-        wanted = max(1, min(3, PICTURES // len(self.rig)))
-        places = {1: [0.5], 2: [0.5, 0.15], 3: [0.5, 0.15, 0.85]}[wanted]
-        return list(dict.fromkeys(int(self.common[round(p * (len(self.common) - 1))]) for p in places))
+        """Frame numbers whose pictures are read, up to three, away from the ends, the middle one first; where nobody is
+        in that one, of frames that show somebody, as far as any is found."""
+        wanted = max(1, min(len(PLACES), PICTURES // len(self.rig)))
+        usual = _spread(self.common, PLACES[:wanted])
+        most = {"masks": (len(self.believed) + 1) // 2}  # where few see the subject as it comes in, little is measured
+        if any(self._seeing(kind, self.middle) >= most.get(kind, 1) for kind in self.tellers):
+            return usual
+        for kind in self.tellers:
+            if chosen := self._showing(kind, wanted):
+                return usual if self.middle in chosen else _spread(chosen, PLACES[:wanted])
+        return usual
+
+    @property
+    def middle(self) -> int:
+        """Number of the middle frame."""
+        return _spread(self.common, PLACES[:1])[0]
+
+    @cached_property
+    def tellers(self) -> tuple[str, ...]:
+        """The readers that tell whether somebody is in a picture: of masks, where there are any, else of joints; an
+        estimator tells nothing of what has joints in space, which may be no person."""
+        of_joints = ("joints",) if JOINTS3D in self.facts else ("joints", "found")
+        kinds = ("masks",) if "masks" in self.readers else of_joints
+        return tuple(k for k in kinds if k in self.readers)
+
+    @cached_property
+    def asked_views(self) -> list[int]:
+        """Believed cameras, up to `ASKED_VIEWS`, of whose pictures the estimator is asked."""
+        return _spread(self.believed, np.linspace(0, 1, min(len(self.believed), ASKED_VIEWS)))
+
+    def shows(self, kind: str, view: int, number: int) -> bool:
+        """Whether somebody is in a picture that there is, by a reader of masks or joints."""
+        key = kind, view, number
+        if key not in self.told:
+            reader = self.readers[kind]
+            if kind == "masks":
+                (mask,) = reader.read(view, [number])
+                self.told[key] = bool(foreground(mask).mean() >= NEARLY_EMPTY)
+            else:
+                self.told[key] = people(reader.read(view, number)) > 0
+        return self.told[key]
+
+    def _seeing(self, kind: str, number: int, views: Sequence[int] | None = None) -> int:
+        """Believed cameras, of some alone, that show somebody in one frame."""
+        of = self.believed if views is None else views
+        return sum(self.shows(kind, v, number) for v in of if number in self.numbers[v])
+
+    def _showing(self, kind: str, wanted: int) -> list[int]:
+        """Frames that show somebody, ascending: of those looked through, those that half as many cameras as in the best
+        one see at least; of those that the estimator is asked of the first that are `wanted`."""
+        if kind == "found":
+            seen = (n for n in _spread(self.common, ASKED) if self._seeing(kind, n, self.asked_views))
+            return sorted(islice(seen, wanted))
+        numbers = _spread(self.common, np.linspace(0, 1, min(len(self.common), LOOKED_THROUGH)))
+        counts = [self._seeing(kind, n) for n in numbers]
+        return [n for n, c in zip(numbers, counts, strict=True) if c and 2 * c >= max(counts)]
 
     @cached_property
     def warps(self) -> list[Warp]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import inf
-from typing import Any
 
 import numpy as np
 
@@ -14,21 +13,18 @@ from posegaussian.stages.estimators.blazepose_files import FETCH
 from posegaussian.stages.estimators.interface import Estimator
 from posegaussian.stages.estimators.turned import Turned, quarter_turns
 from posegaussian.stages.imaging.color import to_display
-from posegaussian.stages.inspection.finding import Finding, measured, unmeasured
+from posegaussian.stages.inspection.finding import Finding, FindingVerdict, measured, unmeasured
 from posegaussian.stages.inspection.footage import Footage
+from posegaussian.stages.inspection.joint_fit import people
 from posegaussian.stages.inspection.planned import Planned
-from posegaussian.stages.survey.algorithms.joints import SCORE
 from posegaussian.storage.model.cameras import Rig
 
 MEASURE = "people"
 SEVERAL = (0.05, inf)
 """Share of the pictures that show more than one person: now and then a passer-by is left out by the views'
 agreement; never bad, as one is still reconstructed."""
-FEWEST = 5
-"""Joints above the survey's least score that make a person; a chair has fewer."""
-LEAST = 0.2
-"""Extent over that of the picture's largest person: a figure on a poster or far behind is none that could be taken
-for the subject."""
+BY_PLACE = (1, inf)
+"""People whom cameras place apart, though no picture shows two; never bad, as one is still reconstructed."""
 SURE = 0.6
 """How sure the estimator must be of a person: of furniture and of a person found twice it was at most 0.51, of an
 onlooker at least 0.69."""
@@ -42,9 +38,6 @@ SHOWN_BY_ONE = (SHOWN[0], -inf)
 """The same of one camera; never bad, as others show the subject."""
 OTHERS = 2
 """Cameras that show somebody, from which on one that shows nobody is odd."""
-PICTURES = 8
-"""Pictures in which the estimator looks for people far smaller than the subject, which takes seconds each;
-one a camera."""
 
 
 class Finder:
@@ -104,6 +97,11 @@ def of_people(footage: Footage, planned: Planned) -> list[Finding]:
     return [measured(MEASURE, (), share, unit, *SEVERAL, told, _advice(planned, footage.names[next(iter(several), 0)]))]
 
 
+def of_places(planned: Planned, camera: str, count: int, told: str) -> Finding:
+    """The finding on people whom cameras place apart, though no picture shows two; `camera` shows the second best."""
+    return measured(MEASURE, (), count, "people by place", *BY_PLACE, told, _advice(planned, camera))
+
+
 def _advice(planned: Planned, name: str) -> str:
     """What keeps the others out, given what the run takes for masks and joints."""
     matte, estimator = planned.matte[0], planned.estimator[0]
@@ -125,11 +123,9 @@ def _advice(planned: Planned, name: str) -> str:
 def _counted(footage: Footage) -> dict[int, list[int]]:
     """People a picture by believed camera: as the estimator finds them in one frame, or as the given joints name them,
     whichever are more."""
-    every = footage.believed
-    some = sorted({every[int(i)] for i in np.rint(np.linspace(0, len(every) - 1, min(len(every), PICTURES)))})
     asked = {
-        "found": (some, footage.looked_at[:1]),
-        "joints": (every, footage.joint_numbers if JOINTS2D in footage.facts else []),
+        "found": (footage.asked_views, footage.looked_at[:1]),
+        "joints": (footage.believed, footage.joint_numbers if JOINTS2D in footage.facts else []),
     }
     ways = []
     for kind, (views, numbers) in asked.items():
@@ -150,59 +146,91 @@ def _crowded(counted: dict[int, list[int]]) -> float:
 
 def of_sight(footage: Footage) -> list[Finding]:
     """One finding on all pictures that were looked at, and one on each believed camera that shows nobody while others
-    do; none where nothing could look, or where masks or joints in space tell of a subject that is no person."""
-    if {MASKS, JOINTS3D} & footage.facts:
+    do; none where nothing could look, or where joints in space tell of a subject that is no person. Of given masks,
+    which may be of one, only what is amiss."""
+    masked = "masks" in footage.tellers
+    if not masked and {MASKS, JOINTS3D} & footage.facts:
         return []
     shown = dict(_shown(footage))
     if not any(shown.values()):
         return []
-    every = [s for found in shown.values() for s in found]
+    out = [_somebody(footage, list(shown.values()), masked)]
+    if masked and out[0].verdict is FindingVerdict.GOOD:
+        out = []
+    for v, found in shown.items():
+        if found and not _any(found) and sum(map(_any, shown.values())) >= OTHERS:
+            out.append(_blind(footage.names[v], len(found), masked))
+    return out
+
+
+def _any(found: Sequence[tuple[int, bool]]) -> bool:
+    """Whether one of a camera's pictures shows somebody."""
+    return any(there for _, there in found)
+
+
+def where_looked(footage: Footage) -> list[str]:
+    """A sentence where the pictures of the middle are not the ones that were looked at, as they show nobody."""
+    if footage.middle in footage.looked_at:
+        return []
+    nobody = "few masks, if any, hold somebody" if "masks" in footage.tellers else "nobody was found"
+    told = f"looked at {_frames(footage, footage.looked_at)}: in the middle, in {_frames(footage, [footage.middle])},"
+    return [f"{told} {nobody}; frames.range leaves out frames without anybody"]
+
+
+def _frames(footage: Footage, numbers: Sequence[int]) -> str:
+    """`frames 2, 4 of 0..5`."""
+    word = "frame" if len(numbers) == 1 else "frames"
+    named = ", ".join(map(str, numbers))
+    return f"{word} {named} of {footage.common[0]}..{footage.common[-1]}"
+
+
+def _somebody(footage: Footage, shown: Sequence[Sequence[tuple[int, bool]]], masked: bool) -> Finding:
+    """On all pictures, by what each camera shows: (frame, whether somebody is there)."""
+    every = [s for found in shown for _, s in found]
     share, count = float(np.mean(every)), len(every)
     told = f"{sum(every)} of {count} pictures that were looked at show somebody"
     advice = (
         "look at the pictures: wrong frames (frames.range), people too small (detection.zoom), pictures that lie on"
         " their side, or cameras that look elsewhere; of a subject that is no person give masks"
     )
+    frames = _frames(footage, sorted({n for found in shown for n, _ in found}))
     if not share:
-        told = f"nobody was found in any of the {count} pictures that were looked at"
-    out = [measured(SIGHT, (), share, OF_PICTURES, *SHOWN, told, advice)]
-    for v, found in shown.items():
-        if found and not any(found) and sum(any(o) for o in shown.values()) >= OTHERS:
-            out.append(_blind(footage.names[v], len(found)))
-    return out
+        told = f"nobody was found in any of the {count} pictures that were looked at, of {frames}"
+    if not share and masked:
+        told = f"the masks of all {count} pictures that were looked at, of {frames}, hold nobody"
+        advice = "look at the masks: wrong frames (frames.range), or masks that hold nothing, without which people are"
+        advice += " cut out (frames.matte: person)"
+    return measured(SIGHT, (), share, OF_PICTURES, *SHOWN, told, advice)
 
 
-def _blind(name: str, count: int) -> Finding:
-    told = f"nobody was found in its {count} pictures that were looked at, while other cameras show somebody"
-    advice = (
-        f"does {name} see the subject? If not, leave it out (views.sources); if so, people may be too small"
-        " (detection.zoom), or cut off"
-    )
+def _blind(name: str, count: int, masked: bool) -> Finding:
+    pictures = "its picture that was" if count == 1 else f"its {count} pictures that were"
+    if masked:
+        told = f"its masks hold nobody in {pictures} looked at, while those of other cameras do"
+        advice = (
+            f"does {name} see the subject? If not, leave it out (views.sources); if so, give it masks, or set"
+            " frames.matte: person, which cuts the person out of the pictures of all cameras"
+        )
+    else:
+        told = f"nobody was found in {pictures} looked at, while other cameras show somebody"
+        advice = (
+            f"does {name} see the subject? If not, leave it out (views.sources); if so, people may be too small"
+            " (detection.zoom), or cut off"
+        )
     return measured(SIGHT, (name,), 0.0, OF_PICTURES, *SHOWN_BY_ONE, told, advice)
 
 
-def _shown(footage: Footage) -> Iterator[tuple[int, list[bool]]]:
-    """Believed camera, and whether somebody is in each of its pictures that were looked at, by whoever looked: the
-    estimator where it is here, the joints that came with the capture."""
-    asked = {
-        "found": footage.looked_at,
-        "joints": footage.joint_numbers if JOINTS2D in footage.facts else [],
-    }
-    asked = {kind: numbers for kind, numbers in asked.items() if kind in footage.readers}
+def _shown(footage: Footage) -> Iterator[tuple[int, list[tuple[int, bool]]]]:
+    """Believed camera, and (frame, whether somebody is there) of each of its pictures that were looked at, by whoever
+    looked: masks where there are any, else the estimator where it is here and joints that came with the capture."""
+    asked = {"found": footage.looked_at, "joints": footage.joint_numbers if JOINTS2D in footage.facts else []}
+    if "masks" in footage.tellers:
+        asked = {"masks": footage.looked_at}
     for v in footage.believed:
         seen: dict[int, bool] = {}
-        for kind, numbers in asked.items():
-            for n in numbers:
+        for kind in (k for k in asked if k in footage.readers):
+            before = {n for told, view, n in footage.told if (told, view) == (kind, v)}
+            for n in sorted({*asked[kind], *before}):
                 if n in footage.numbers[v] and not seen.get(n, False):
-                    seen[n] = people(footage.source(kind).read(v, n)) > 0
-        yield v, list(seen.values())
-
-
-def people(joints: Any) -> int:
-    """How many of joints [people, J, 3] (u, v, score) are people: `FEWEST` joints are seen, and they are not tiny
-    beside the largest."""
-    extents = []
-    for person in np.asarray(joints, dtype=np.float64).reshape(-1, *np.shape(joints)[1:]):
-        seen = person[(person[:, 2] >= SCORE) & np.isfinite(person).all(axis=1)]
-        extents.append(float(np.linalg.norm(np.ptp(seen[:, :2], axis=0))) if len(seen) >= FEWEST else 0.0)
-    return int(np.sum(np.array(extents) > LEAST * max(extents))) if extents and max(extents) > 0 else 0
+                    seen[n] = footage.shows(kind, v, n)
+        yield v, list(seen.items())

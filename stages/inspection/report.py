@@ -23,7 +23,7 @@ from posegaussian.stages.inspection.light import of_clipping, of_light
 from posegaussian.stages.inspection.matching import Matched, matched_pairs, of_matches
 from posegaussian.stages.inspection.outlook import expected, of_cameras, of_matte, pair_lines
 from posegaussian.stages.inspection.pairs import Rectified, every_pair, of_pairs
-from posegaussian.stages.inspection.people import of_people, of_sight
+from posegaussian.stages.inspection.people import of_people, of_sight, where_looked
 from posegaussian.stages.inspection.planned import Planned
 from posegaussian.stages.inspection.subject import (
     of_focus,
@@ -110,6 +110,7 @@ class Report:
         spoken = {f.measure: f for f in self.findings if f.measure in ("matte", "people")}
         estimator, why = self.planned.estimator
         return [
+            *where_looked(self.footage),
             *([f"run leaves out {self.left_out}: see agreement; views.trust overrules it"] if self.left_out else []),
             *([f"run turns {', '.join(self.turned)}: see agreement; views.trust overrules it"] if self.turned else []),
             *pair_lines(self.planned),

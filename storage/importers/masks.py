@@ -59,7 +59,9 @@ def mask_file_streams(
     if lacking:
         add = "theirs" if folders is None else folders[names.index(lacking[0])]
         raise SourceError(
-            f"cameras {', '.join(lacking)} have no masks while others have; add {add} or move all masks away"
+            f"cameras {', '.join(lacking)} have no masks while others have; add {add}, where black masks say that the"
+            " subject is not seen and nothing is taken of a camera's pictures; or leave these cameras out of the"
+            " capture; or move all masks away, and a run cuts the person out of all pictures (frames.matte: person)"
         )
     fitting, notes = _fitting(names, files, pictures)
     streams, sizes = _sized(names, fitting, pictures)

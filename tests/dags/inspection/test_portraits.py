@@ -13,14 +13,17 @@ import numpy as np
 
 from posegaussian.dags.inspection.figures import PairPicture, write_portraits
 from posegaussian.dags.inspection.html_page import _figure, _people
-from posegaussian.dags.inspection.portraits import portraits, who_is_who
+from posegaussian.dags.inspection.portraits import portraits, told_by_place, who_is_who
 from posegaussian.stages.contract.facts import Facts
-from posegaussian.stages.inspection.finding import measured
+from posegaussian.stages.inspection.finding import Finding, FindingVerdict, measured
 from posegaussian.stages.inspection.footage import Footage, scope_of
+from posegaussian.stages.inspection.report import Report
 from tests.stages.following.test_following import People, at, filmed
+from tests.support.inspection_plans import planned
 from tests.support.walking_skeleton import ring
 
 RIG = ring(4, size=512, focal=0.9, radius=3.5)
+RIG6 = ring(6, size=512, focal=0.9, radius=3.5)
 FRAMES = 9
 
 
@@ -108,3 +111,48 @@ def test_two_people_by_place_beside_pictures_of_one_are_explained() -> None:
 def test_a_camera_that_is_not_believed_shows_nobody() -> None:
     found = portraits(footage(two_people()[0]).without([RIG.names[3]]))
     assert [p.cameras for p in found] == [dict.fromkeys(RIG.names[:3], 3)] * 2
+
+
+def report_of(seen: Footage, *findings: Finding) -> Report:
+    return Report(findings, (), (), None, planned(RIG6), seen)
+
+
+def hugging() -> Footage:
+    """Two people 0.4 m apart of whom every camera shows the nearer one alone."""
+    still = np.zeros((FRAMES, 2))
+    people, order = filmed(at([still, still + np.array([0.0, 0.4])]), RIG6)
+    nearer = (RIG6.centres @ [0.3, 1.0, 0.0] > 0).astype(int)
+    one = [[p[order[f, v] == nearer[v]] for v, p in enumerate(views)] for f, views in enumerate(people)]
+    crops = np.tile([1.0, 0, 0], (len(RIG6), 1))
+    readers = {"found": Found(one), "pictures": Pictures()}
+    return Footage(
+        scope_of(RIG6, RIG6, crops, Facts()), crops, RIG6.size, [np.arange(FRAMES)] * len(RIG6), 25.0, readers
+    )
+
+
+NONE_WITH_TWO = measured("people", (), 0.0, "of the pictures", 0.05, 1.0, "one person at most", "")
+
+
+def test_two_who_touch_are_two_people_and_no_error_of_a_calibration_that_nothing_contradicts() -> None:
+    seen = hugging()
+    two = portraits(seen)
+    assert [sorted(n for _, n in p.places.values()) for p in two] == [[3, 3]] * 2
+    report = told_by_place(report_of(seen, NONE_WITH_TWO), two)
+    (f,) = report.findings
+    assert (f.measure, f.verdict, f.value) == ("people", FindingVerdict.DOUBTFUL, 2.0)
+    assert "two people stand 0.4 m apart" in f.sentence
+    assert "calibration" not in f.sentence
+    assert "pose.subject: person2" in f.advice
+    assert who_is_who(two, report.findings) == [p.sentence for p in two]
+    off = measured("joint residual", ("cam0",), 9.0, "px", 2.0, 4.0, "off", "do")
+    assert "calibration is off" in told_by_place(report_of(seen, NONE_WITH_TWO, off), two).findings[0].sentence
+
+
+def test_a_place_that_two_cameras_agree_on_is_no_second_person_yet() -> None:
+    """Two cameras that stand as high agree on places by chance."""
+    seen = hugging().without([hugging().names[0]])
+    two = portraits(seen)
+    assert len(two) == 2
+    report = report_of(seen, NONE_WITH_TWO)
+    assert told_by_place(report, two) is report
+    assert "calibration" not in who_is_who(two, report.findings)[0]

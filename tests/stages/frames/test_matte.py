@@ -161,3 +161,36 @@ def test_speckles_go_and_limbs_stay() -> None:
     truth[40:160, 80:120] = truth[20:36, 90:110] = 255
     assert overlap(mask, truth) > 0.97
     assert not mask[90:110, 10:30].any()
+
+
+@pytest.mark.parametrize("inverted", [(1,), (0, 1, 2)])
+def test_given_masks_that_mark_the_background_are_warned_about_in_one_camera_and_in_all(
+    inverted: tuple[int, ...],
+) -> None:
+    """A camera so near that the subject fills its picture has masks without any background, and a bust half a rim."""
+    size, rig = 32, ring(3, 32, 0)
+    whole, bust = np.full((size, size), 255, np.uint8), np.zeros((size, size), np.uint8)
+    bust[4:, 6:26] = 255
+    bust[20:] = 255
+    small = np.zeros((size, size), np.uint8)
+    small[8:28, 12:20] = 255
+    readers = {
+        "pictures": Pictures([[np.zeros((size, size, 3), np.uint8)] * 3] * 3),
+        "masks": Pictures([[whole - small if v in inverted else m] * 3 for v, m in enumerate((whole, bust, small))]),
+    }
+    for v in range(3):
+        inputs = MemoryInputs(
+            FRAMES,
+            FramesParams(),
+            {},
+            rig,
+            Views(rig.names, (0, 1, 2), ()),
+            range(3),
+            3,
+            view=v,
+            sources=readers,
+            facts=frozenset({"masks"}),
+        )
+        (notes,) = (b.notes for b in frames_in(inputs, FramesParams()) if b.array == "frames/mask")
+        assert bool(notes) == (v in inverted)
+        assert not notes or ("3 of 3 masks are white along" in notes[0] and "mark the background" in notes[0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,8 +12,9 @@ import pytest
 from posegaussian.stages.estimators.interface import Found
 from posegaussian.stages.inspection.finding import FindingVerdict
 from posegaussian.stages.inspection.footage import Footage, scope_of
+from posegaussian.stages.inspection.joint_fit import people
 from posegaussian.stages.inspection.outlook import expected
-from posegaussian.stages.inspection.people import SIGHT, SURE, Finder, of_people, of_sight, people
+from posegaussian.stages.inspection.people import SIGHT, SURE, Finder, of_people, of_sight, where_looked
 from tests.support.inspection_plans import planned
 from tests.support.known_geometry import ring
 
@@ -137,6 +139,93 @@ def test_whom_the_given_joints_name_the_estimator_need_not_find() -> None:
 def test_a_subject_that_is_told_otherwise_need_not_be_a_person(fact: str) -> None:
     assert of_sight(footage(fact, found=Joints(EMPTY))) == []
     assert of_sight(footage()) == [], "nobody looked"
+
+
+USUAL = [10, 3, 16]
+"""Of 20 frames and four cameras: the middle one, and two away from the ends."""
+
+
+class Coming(Joints):
+    """Somebody from a frame on, and nobody before."""
+
+    first = 12
+
+    def read(self, view: int, number: int) -> np.ndarray:
+        return super().read(view, number) if number >= self.first else np.zeros((0, 17, 3))
+
+
+@dataclass
+class Masks:
+    """Masks of four cameras that hold somebody from a frame on, some never."""
+
+    first: int
+    blind: tuple[int, ...] = ()
+    asked: set[int] = field(default_factory=set)
+
+    def read(self, view: int, numbers: list[int]) -> Iterator[np.ndarray]:
+        for n in numbers:
+            self.asked.add(n)
+            out = np.zeros((20, 20), np.uint8)
+            out[5:15, 5:15] = 255 * (n >= self.first and view not in self.blind)
+            yield out
+
+
+@pytest.mark.parametrize("kind", ["joints", "found"])
+def test_who_comes_in_late_is_looked_at_there_and_the_frames_are_named(kind: str) -> None:
+    late = footage(**{kind: Coming({})})
+    assert late.looked_at
+    assert min(late.looked_at) >= Coming.first
+    sight, *_ = of_sight(late)
+    assert sight.verdict is FindingVerdict.GOOD
+    (told,) = where_looked(late)
+    assert "in frame 10 of 0..19, nobody was found" in told
+    assert "frames.range" in told
+    (alone,) = of_people(late, planned(RIG))
+    assert "nobody" not in alone.sentence
+
+
+def test_the_frames_of_one_who_is_in_the_middle_are_the_usual_ones_and_no_others_are_asked_for() -> None:
+    """The estimator takes seconds a picture, and what was measured before is measured again of the same frames."""
+    found, masks = Joints({}), Masks(first=10, blind=(0, 1))
+    for there in (footage(found=found), footage("masks", masks=masks)):
+        assert there.looked_at == USUAL
+        of_sight(there)
+        assert where_looked(there) == []
+    assert {n for _, n in found.asked} == set(USUAL)
+    assert masks.asked == set(USUAL)
+
+
+def test_nobody_is_in_sight_only_after_the_estimator_was_asked_elsewhere_and_the_frames_are_named() -> None:
+    nobody = Joints(EMPTY)
+    (f,) = of_sight(footage(found=nobody))
+    assert {n for _, n in nobody.asked} == {3, 6, 10, 13, 16}
+    assert "in any of the 20 pictures that were looked at, of frames 3, 6, 10, 13, 16 of 0..19" in f.sentence
+
+
+def test_no_estimator_is_asked_where_a_subject_is_that_need_not_be_a_person() -> None:
+    nobody = Joints(EMPTY)
+    told = footage("joints3d", found=nobody)
+    assert told.looked_at == USUAL
+    assert of_sight(told) == where_looked(told) == nobody.asked == []
+
+
+def test_frames_are_chosen_by_what_masks_hold_and_masks_that_hold_nobody_promise_nothing() -> None:
+    late = footage("masks", masks=Masks(first=15), found=Joints({}))
+    assert min(late.looked_at) >= 15
+    assert of_sight(late) == []
+    assert "few masks" in where_looked(late)[0]
+    (f,) = of_sight(footage("masks", masks=Masks(first=99), found=Joints({})))
+    assert (f.measure, f.verdict) == (SIGHT, FindingVerdict.BAD)
+    assert "hold nobody" in f.sentence
+    assert expected(planned(RIG), [f]).startswith("expected: nothing")
+
+
+def test_a_camera_whose_masks_hold_nobody_while_those_of_others_do_is_doubtful() -> None:
+    (f,) = of_sight(footage("masks", masks=Masks(first=0, blind=(2,))))
+    assert (f.cameras, f.verdict) == (("cam2",), FindingVerdict.DOUBTFUL)
+    assert "its masks hold nobody" in f.sentence
+    assert "views.sources" in f.advice
+    assert "frames.matte: person" in f.advice
 
 
 def test_the_finder_believes_only_whom_the_estimator_is_sure_of() -> None:

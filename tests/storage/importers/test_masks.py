@@ -144,6 +144,17 @@ def test_masks_that_hold_nothing_are_refused_and_those_of_one_camera_said(tmp_pa
     assert said(find(tmp_path), "masks of cam10 hold nothing in the frames looked at")
 
 
+def test_one_camera_without_masks_is_refused_with_the_ways_on_and_black_ones_are_a_way(tmp_path: Path) -> None:
+    base = folders(tmp_path)
+    masks(base, NAMES[:-1])
+    with pytest.raises(UserError, match=f"cameras {NAMES[-1]} have no masks while others have") as refused:
+        find(base)
+    for way in (str(base / "masks" / NAMES[-1]), "black masks", "leave these cameras out", "frames.matte: person"):
+        assert way in str(refused.value)
+    masks(base, NAMES[-1:], value=0)
+    assert said(find(base), "hold nothing")
+
+
 def test_the_alpha_of_pictures_is_their_masks(tmp_path: Path) -> None:
     folders(tmp_path)
     for v, name in enumerate(NAMES):
