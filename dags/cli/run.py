@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Annotated
 
@@ -32,6 +34,7 @@ from posegaussian.dags.diagnostics.other_settings import made_otherwise
 from posegaussian.dags.diagnostics.run_summary import MOST, results_and_next
 from posegaussian.dags.export.output_paths import output_file
 from posegaussian.dags.humanize.text import next_command
+from posegaussian.dags.planning.plan import Plan
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.tasks import Task
 from posegaussian.dags.report import after_run
@@ -39,6 +42,9 @@ from posegaussian.dags.runtime.signals import STATUS as INTERRUPTED
 from posegaussian.dags.session.next_steps import after_status
 from posegaussian.dags.session.session import Session
 from posegaussian.storage.model.errors import ConfigError
+
+IN_FULL = 10
+"""Sequences up to which `plan` tells each in full."""
 
 
 def plan(
@@ -58,7 +64,8 @@ def plan(
     json: JsonOption = False,
     verbose: VerboseOption = False,
 ) -> None:
-    """Say what a run would do, and why, without doing it.
+    """Say what a run would do, and why, without doing it; of more than ten sequences in a line each, or with -v in
+    full.
 
     Example: posegaussian plan --sequence 'walk*' --set smoothing.omega=0.7
     """
@@ -82,7 +89,9 @@ def plan(
         tell_plans(plans, failed)
         raise typer.Exit(2 if failed or session.refusals(plans) else 0)
     say(held_out.told(p.context for p in plans))
-    for p in plans:
+    if len(plans) > IN_FULL and not verbose:
+        _in_short(session, plans)
+    for p in plans if len(plans) <= IN_FULL or verbose else ():
         say(made_otherwise(session.archive, p))
         console.print(tables.plan_table(p))
         console.print(effects_table(p, session.history.timed))
@@ -94,7 +103,7 @@ def plan(
             told = "all fresh, nothing to do" if p.all_fresh else "nothing to compute"
             console.print(f"{p.context.sequence.name}: {told}", markup=False)
     say(list(session.fitted(plans)[1]))
-    say(session.thrown_away(plans), "yellow")
+    say(session.disk_warnings(plans), "yellow")
     failed += session.refusals(plans)
     say(failed, "red")
     if failed:
@@ -103,6 +112,20 @@ def plan(
         say(results_and_next(plans, session.options, selection))
     else:
         say([_run_command(session, sequence, only, start, force, path)])
+
+
+def _in_short(session: Session, plans: Sequence[Plan]) -> None:
+    """A line a sequence, what they are projected to take together, and the command that tells one in full."""
+    from posegaussian.dags.planning.forecast import project, together
+
+    for p in islice((p for p in plans if p.book.receipts and not p.all_fresh), MOST):
+        say(made_otherwise(session.archive, p))
+    found = [project(p, session.history) for p in plans]
+    console.print(tables.plans_table(plans, found))
+    if total := together(found):
+        console.print(tables.projection_table(total))
+    first = next((p for p in plans if p.to_make), plans[0]).context.sequence.name
+    say([next_command("plan", "--sequence", first, *session.options, lead="one in full, or all with -v")])
 
 
 def run(
@@ -213,6 +236,7 @@ def status(
     from posegaussian.dags.diagnostics.status import every_standing
     from posegaussian.dags.planning.context import Context
     from posegaussian.storage.archive import ledger
+    from posegaussian.storage.archive.receipts import has_receipts
 
     names = session.names(sequence or ())
     standings, failed = every_standing(session, names)
@@ -226,7 +250,8 @@ def status(
     say(Spending.of(session.archive, names).sentences())
     say([*failed, *ledger.faults(session.archive)], "red")
     undone = [name for name, row in standings.items() if not any(stage.get("done") for stage in row.values())]
-    for name in undone[:MOST]:  # each takes a plan, which a status does without
+    made = [name for name in undone if has_receipts(session.archive.sequence(name))]
+    for name in made[:MOST]:  # each takes a plan, which a status does without
         say(made_otherwise(session.archive, session.plan(name, Selection())))
     say([after_status(session, standings.values())])
     raise typer.Exit(2 if failed else 0)

@@ -55,6 +55,24 @@ def plan_table(plan: Plan) -> Table:
     return table
 
 
+def plans_table(plans: Sequence[Plan], projections: Sequence[Sequence[Projection]]) -> Table:
+    """One row a sequence: frames, tasks to do of all, what they are projected to take, and how many notes there are."""
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.add_column("sequence", overflow="fold", max_width=LONGEST_NAME)
+    told = any(plan.notes for plan in plans)
+    for column in ("frames", "to do", "disk", "time", *(["notes"] if told else [])):
+        table.add_column(column, justify="right", no_wrap=True)
+    for plan, found in zip(plans, projections, strict=True):
+        table.add_row(
+            escape(plan.context.sequence.name),
+            str(plan.context.grid.frames),
+            f"{len(plan.to_make)}/{len(plan.verdicts)}",
+            *(_totals(found) if found else ("", "")),
+            *([str(len(plan.notes) or "")] if told else []),
+        )
+    return table
+
+
 def projection_table(projections: Sequence[Projection]) -> Table:
     """One row a stage that has something to do: what it is expected to take at most, a guess where the archive has no
     history of it."""
@@ -82,17 +100,18 @@ def projection_table(projections: Sequence[Projection]) -> Table:
             gigabytes(p.vram) if p.vram else "",
             _said(seconds_text(p.seconds), "" if p.timed == "same settings" else p.timed),
         )
-    disk, seconds = sum(p.disk for p in projections), sum(p.seconds for p in projections)
-    table.add_row(
-        "all",
-        str(sum(p.tasks for p in projections)),
-        _said(gigabytes(disk), "" if all(p.compressed for p in projections if p.disk) else "guess"),
-        "",
-        "",
-        _said(seconds_text(seconds), "guess" if any(p.timed == "guess" for p in projections) else ""),
-        end_section=True,
-    )
+    disk, seconds = _totals(projections)
+    table.add_row("all", str(sum(p.tasks for p in projections)), disk, "", "", seconds, end_section=True)
     return table
+
+
+def _totals(projections: Sequence[Projection]) -> tuple[str, str]:
+    """Disk and time of all stages together."""
+    disk, seconds = sum(p.disk for p in projections), sum(p.seconds for p in projections)
+    return (
+        _said(gigabytes(disk), "" if all(p.compressed for p in projections if p.disk) else "guess"),
+        _said(seconds_text(seconds), "guess" if any(p.timed == "guess" for p in projections) else ""),
+    )
 
 
 def _said(amount: str, remark: str) -> str:

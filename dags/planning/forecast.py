@@ -1,5 +1,5 @@
 """What a run is expected to take, before it starts: bytes on disk, memory of a task, seconds; and refusal where that
-cannot be.
+cannot be, warning where only a guess says so.
 
 Bytes come from the declarations and the shape of the sequence, times the compression that the archive's own history
 shows; memory from what each stage declares that a task needs; seconds from the history, in proportion to frames x views
@@ -14,7 +14,9 @@ import statistics
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from itertools import chain
+from pathlib import Path
+from typing import Any, Literal, get_args
 
 from posegaussian.dags.humanize.text import gigabytes
 from posegaussian.dags.planning.context import Context
@@ -43,8 +45,14 @@ AHEAD = 2
 first."""
 
 
+_LESS = (
+    "set run.keep to as_declared, choose a smaller frames.size or a shorter frames.range, or make room"
+    " (`posegaussian gc` says what could go)"
+)
+
 Timed = Literal["same settings", "other settings", "guess"]
-"""Where seconds come from: tasks of the stage in this archive, under its settings or others, or what is typical."""
+"""Where seconds come from: tasks of the stage in this archive, under its settings or others, or what is typical; the
+surest first."""
 
 
 @dataclass(frozen=True)
@@ -138,6 +146,29 @@ def project(plan: Plan, history: History) -> list[Projection]:
     return found
 
 
+def together(of_each: Iterable[Sequence[Projection]]) -> list[Projection]:
+    """Projections of many sequences as one for each stage; what is a guess of one is a guess of all."""
+    by_stage: dict[str, list[Projection]] = {}
+    for p in chain.from_iterable(of_each):
+        by_stage.setdefault(p.stage, []).append(p)
+    return [
+        Projection(
+            stage.name,
+            sum(p.tasks for p in found),
+            sum(p.disk for p in found),
+            sum(p.replaced for p in found),
+            sum(p.peak for p in found),
+            all(p.compressed for p in found),
+            max(p.ram for p in found),
+            max(p.vram for p in found),
+            sum(p.seconds for p in found),
+            max((p.timed for p in found), key=get_args(Timed).index),
+        )
+        for stage in STAGES
+        if (found := by_stage.get(stage.name))
+    ]
+
+
 def _of_stage(plan: Plan, stage: Stage, todo: list[Task], rate: Rate) -> Projection:
     context, loads = plan.context, Loads(plan.context)
     of_each = [loads(t) for t in todo]
@@ -188,27 +219,57 @@ def _let_go(context: Context, todo: list[Task]) -> int:
     return one * max(0, len(partitions) - alive) * len(todo) // len(partitions)
 
 
-def refusals(plans: Sequence[Plan], archive: Archive, history: History) -> list[str]:
-    """Why a run should not start for want of disk, with what to change. Memory is refused by
-    `posegaussian.dags.planning.resources`, worker by worker."""
-    need = 0
-    for plan in plans:
-        perhaps = plan.context.perhaps_unneeded  # what may turn out not to run is no reason not to start
-        need += sum(p.peak - p.replaced for p in project(plan, history) if p.stage not in perhaps)
-    free = shutil.disk_usage(archive.root).free + sum(
-        e.own for e in set_aside.entries(archive)
-    )  # results of other settings make room
-    if need <= free:
-        return []
-    advice = (
-        "set run.keep to as_declared, choose a smaller frames.size or a shorter frames.range, or make room"
-        " (`posegaussian gc` says what could go)"
-    )
-    warning = (
-        f"the run is projected to need {gigabytes(need)} more on disk, an estimate after compression; {archive.root}"
-        f" has {gigabytes(free)} free; {advice}"
-    )
-    return [warning]
+@dataclass(frozen=True)
+class Disk:
+    """What a run is projected to write beyond what it replaces, and what there is room for; all in bytes."""
+
+    measured: int
+    """Of stages whose compression was measured in this archive."""
+    guessed: int
+    """Of the others."""
+    free: int
+    """Free on the disk, with what other settings' results would make room for."""
+    root: Path
+    """The archive's folder."""
+
+    @classmethod
+    def of(cls, plans: Sequence[Plan], archive: Archive, history: History) -> Disk:
+        """Of these plans; what may turn out not to run does not count."""
+        need = {True: 0, False: 0}
+        for plan in plans:
+            for p in project(plan, history):
+                if p.stage not in plan.context.perhaps_unneeded:
+                    need[p.compressed] += p.peak - p.replaced
+        free = shutil.disk_usage(archive.root).free + sum(e.own for e in set_aside.entries(archive))
+        return cls(need[True], need[False], free, archive.root)
+
+    @property
+    def certain(self) -> int:
+        """What is needed whatever the guesses come to; what they replace makes room."""
+        return self.measured + min(0, self.guessed)
+
+    def refusals(self) -> list[str]:
+        """Why a run should not start, with what to change: on measured figures only. Memory is refused by
+        `posegaussian.dags.planning.resources`, worker by worker."""
+        if self.certain <= self.free:
+            return []
+        warning = (
+            f"the run is projected to need {gigabytes(self.certain)} more on disk, an estimate after compression;"
+            f" {self.root} has {gigabytes(self.free)} free; {_LESS}"
+        )
+        return [warning]
+
+    def doubts(self) -> list[str]:
+        """That the disk may not hold it, where that hangs on a guess and is no reason to refuse."""
+        if self.certain > self.free or self.measured + self.guessed <= self.free:
+            return []
+        warning = (
+            f"the run may need {gigabytes(self.measured + self.guessed)} more on disk, of which"
+            f" {gigabytes(self.guessed)} are a guess, and {self.root} has {gigabytes(self.free)} free: a run of a few"
+            " frames (--set frames.range=0:16) measures it, and one that fills the disk goes on from there once there"
+            f" is room; {_LESS}"
+        )
+        return [warning]
 
 
 @dataclass(frozen=True)

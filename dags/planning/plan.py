@@ -320,13 +320,14 @@ def _call_back(book: Book, verdicts: dict[Task, TaskVerdict]) -> None:
     Readers come before what they read, so that a task called back calls back its own dropped inputs. What else read the
     output stays fresh: the same content is expected, and a run looks again if it comes out different.
     """
+    dropped = book.has_dropped  # listing what every task reads takes as long as judging it
     for task in reversed(list(verdicts)):
         if task in book.needed and verdicts[task].state is not State.STALE:
             verdicts[task] = TaskVerdict(task, State.STALE, (book.needed[task],))
         state = verdicts[task].state
         if state in READY:
             continue
-        for maker in book.dropped_inputs(task):
+        for maker in book.dropped_inputs(task) if dropped else ():
             if verdicts[maker].state is State.FRESH or (
                 state is State.STALE and verdicts[maker].state is State.UNDECIDED
             ):

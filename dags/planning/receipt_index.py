@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import chain
 
 from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.tasks import Product, Task, inputs, producer
@@ -54,6 +55,12 @@ class Book:
     def call_back(self, task: Task, reader: str) -> None:
         """Have a task's dropped output made again for a reader: a stage, or what else needs it."""
         self.needed[task] = f"its output was dropped and is needed by {reader}"
+
+    @property
+    def has_dropped(self) -> bool:
+        """Whether any output was dropped."""
+        known = chain(self.receipts.values(), self.kept.values())
+        return any(o.dropped for r in known for o in r.outputs)
 
     def dropped_inputs(self, task: Task) -> tuple[Task, ...]:
         """Tasks that made what this one reads and what was dropped since, each once."""

@@ -145,7 +145,7 @@ class Session:
         run = self.fitted(todo)[0]
         return [
             *(refusals(plans, local_pools(run)) if run.scheduler in ("serial", "local") else []),
-            *(self._shut(todo) or (forecast.refusals(todo, self.archive, self.history) if todo else [])),
+            *(self._shut(todo) or (self._disk(todo).refusals() if todo else [])),
         ]
 
     def _shut(self, plans: Sequence[Plan]) -> list[str]:
@@ -170,10 +170,15 @@ class Session:
         """How much of results of other settings may lie aside while plans run."""
         return forecast.room(plans, self.archive, self.history)
 
-    def thrown_away(self, plans: Sequence[Plan]) -> list[str]:
-        """Sentences about results of other settings that a run of the plans deletes for good."""
+    def _disk(self, plans: Sequence[Plan]) -> forecast.Disk:
+        return forecast.Disk.of(plans, self.archive, self.history)
+
+    def disk_warnings(self, plans: Sequence[Plan]) -> list[str]:
+        """Sentences about results of other settings that a run of the plans deletes for good, and about a disk that
+        may not hold what it writes."""
         todo = [p for p in plans if not p.all_fresh]
-        return self.room(todo).sentences(self.configuration.default.run.keep_variants) if todo else []
+        kept = self.configuration.default.run.keep_variants
+        return [*self.room(todo).sentences(kept), *self._disk(todo).doubts()] if todo else []
 
     def _rules(self, name: str, kept: int | None = None) -> Rules:
         run = self.configuration.default.run
@@ -184,10 +189,10 @@ class Session:
         date.
 
         A sequence whose work no worker can do is refused before the start; raises ConfigError when none is left, and
-        when the disk does not hold what the run would write; NotWritten where nothing may be written.
+        when the disk does not hold what is measured that it writes; NotWritten where nothing may be written.
         """
         self._require_writable(plans)
-        too_much = forecast.refusals(plans, self.archive, self.history)
+        too_much = self._disk(plans).refusals()
         if too_much:
             raise ConfigError("\n".join(too_much))
         collector, spending, keeper = WarningCollector(), Spending(), Keeper(plans)
@@ -324,7 +329,7 @@ class Session:
             self.say(keeper.sentences)
             self.hint(results_and_next(plans, self.options, selection) if say_next else ())
             return 1 if refused else 0
-        self.say(self.thrown_away(plans), "yellow")
+        self.say(self.disk_warnings(plans), "yellow")
         outcome = self.run(plans, selection, refused)
         ended = outcome.ended
         self.say([f"warning: {w}" for w in tables.grouped(outcome.collector.warning_sentences())], "yellow")

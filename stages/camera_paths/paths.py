@@ -149,7 +149,7 @@ def _orbit(rig: Rig, subject: np.ndarray, frames: int) -> CameraPath:
     steps = frames if frames > 1 else STEPS
     angle = 2 * np.pi * np.arange(steps) / steps
     around = np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * np.cross(up, side)
-    poses = np.stack([_looking_at(subject, subject + radius * a + height.mean() * up, up) for a in around])
+    poses = _looking_at(subject, subject + radius * around + height.mean() * up, up)
     size = _common_size(rig)
     like = (rig.size[:, 0] > rig.size[:, 1]) == (size[0] > size[1])
     focal = float(np.median(_focal_at(rig, size)[like]))
@@ -201,7 +201,7 @@ def _side_by_side(rig: Rig, views: Views, frames: int, max_angle: float) -> Came
     k = np.zeros((steps, 3, 3))
     k[:, 0, 0] = k[:, 1, 1] = length
     k[:, 0, 2], k[:, 1, 2], k[:, 2, 2] = size[0] / 2, size[1] / 2, 1
-    return _moving("between", k, np.stack([_looking_at(subject, c, up) for c in centres]), size, frames)
+    return _moving("between", k, _looking_at(subject, centres, up), size, frames)
 
 
 def _along(
@@ -221,13 +221,19 @@ def _along(
     return azimuth, [v[order][hop] + smooth * (v[order][hop + 1] - v[order][hop]) for v in values]
 
 
-def _looking_at(subject: np.ndarray, centre: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """[4, 4] world_to_camera of an upright camera that has the subject on its optical axis."""
-    forward = (subject - centre) / np.linalg.norm(subject - centre)
-    right = np.cross(forward, up)
-    right /= np.linalg.norm(right)
-    rotation = np.stack([right, np.cross(forward, right), forward])
-    return rigid(rotation, -rotation @ centre)
+def _looking_at(subject: np.ndarray, centres: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """[S, 4, 4] world_to_camera of upright cameras at centres [S, 3] that have the subject on their optical axes."""
+    forward = _unit(subject - centres)
+    right = _unit(np.cross(forward, up))
+    rotation = np.stack([right, np.cross(forward, right), forward], axis=1)
+    translation = (-rotation @ centres[:, :, None])[..., 0]
+    return np.stack([rigid(r, t) for r, t in zip(rotation, translation, strict=True)])
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    """Vectors [S, 3] of length 1. Squares are summed by a product of matrices, as `np.linalg.norm` does for a single
+    one: along an axis it sums them otherwise, and pictures would differ in their last bits from those of a loop."""
+    return np.asarray(vectors / np.sqrt(vectors[:, None, :] @ vectors[:, :, None])[:, 0])
 
 
 def _ahead(rig: Rig, views: Views, view: int, distance: float | None) -> np.ndarray:

@@ -271,6 +271,11 @@ def remove_receipt(
             sync_folder(file.parent)
 
 
+def has_receipts(sequence: SequenceGroup) -> bool:
+    """Whether a sequence has any receipt, readable or not. Raises Unsafe as `scan_receipts`."""
+    return any(file.endswith(".json") for file in files_below(sequence.receipts))
+
+
 def scan_receipts(sequence: SequenceGroup) -> Iterator[Receipt]:
     """All readable receipts. One that cannot be parsed proves nothing, one that a running task just removed is gone:
     both are absent.

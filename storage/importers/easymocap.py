@@ -7,7 +7,7 @@ centres at integers. Format: https://github.com/zju3dv/EasyMocap, doc/02_output.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,6 +16,7 @@ from pydantic import Field
 from ruamel.yaml.nodes import MappingNode
 
 from posegaussian.storage.formats.joint_files import read_easymocap
+from posegaussian.storage.importers.camera_folders import has_camera_folders, videos_of
 from posegaussian.storage.importers.cameras import RawCamera, build_rig, check_principal_point, numbers
 from posegaussian.storage.importers.common import (
     ImportOptions,
@@ -53,9 +54,9 @@ class EasyMocapOptions(ImportOptions):
 def find(source: Path, options: EasyMocapOptions) -> Capture:
     """Find everything in the folder. Raises SourceError or CalibrationError, each a sentence with the next step."""
     base = folder(source)
-    names, pictures, rate, notes = _pictures(base, options)
     intri, extri = read_opencv_yaml(base / "intri.yml"), read_opencv_yaml(base / "extri.yml")
     calibrated = _names(intri, base / "intri.yml")
+    names, pictures, rate, notes = _pictures(base, options, calibrated)
     for name in names:
         if name not in calibrated:
             raise CalibrationError(
@@ -78,14 +79,16 @@ def find(source: Path, options: EasyMocapOptions) -> Capture:
     return Capture("easymocap", rig, rate, tuple(pictures), masks=masks, joints=joints, notes=(*notes, *more))
 
 
-def _pictures(base: Path, options: EasyMocapOptions) -> tuple[tuple[str, ...], list[Stream], float, list[str]]:
+def _pictures(
+    base: Path, options: EasyMocapOptions, calibrated: Collection[str]
+) -> tuple[tuple[str, ...], list[Stream], float, list[str]]:
     """(camera names, pictures, frames per second, notes)."""
     images = (
         {f.name: n for f in subfolders(base / "images") if (n := numbered(f, media.PICTURE_SUFFIXES))}
         if options.pictures != "videos"
         else {}
     )
-    videos = videos_in(base / "videos") if options.pictures != "images" and not images else {}
+    videos = videos_of(base / "videos", calibrated.__contains__) if options.pictures != "images" and not images else {}
     if not (images or videos):
         raise SourceError(f"no pictures in {base}: expected images/NAME/000000.jpg or videos/NAME.mp4")
     if images:
@@ -185,6 +188,11 @@ def _camera(name: str, intri: Mapping[str, Any], extri: Mapping[str, Any]) -> Ra
     )
 
 
+def _has_files(base: Path) -> bool:
+    videos = base / "videos"
+    return has_pictures(base) or or_broken(lambda: videos_in(videos) or has_camera_folders(videos, lambda _: True))
+
+
 IMPORTER = Importer(
     "easymocap",
     "Images or videos, intri.yml and extri.yml, soft masks and annots, as EasyMocap has them.",
@@ -195,7 +203,7 @@ IMPORTER = Importer(
         Trait("extri.yml", lambda base: (base / "extri.yml").is_file()),
         Trait(
             "images/NAME/000000.jpg or videos/NAME.mp4",
-            lambda base: has_pictures(base) or or_broken(lambda: videos_in(base / "videos")),
+            _has_files,
             filmed=True,
         ),
     ),

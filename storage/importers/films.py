@@ -73,8 +73,8 @@ def with_dropped(capture: Capture) -> Capture:
 
 
 def as_filmed(capture: Capture) -> list[str]:
-    """Sentences about what a video says of itself and pictures do not show: that rows are two instants, and that
-    pixels are not square."""
+    """Sentences about what a video says of itself and pictures do not show: that rows are two instants, that pixels are
+    not square, and that it lasts longer than what it holds."""
     videos = {
         name: VideoFile(s.files[0].path)
         for name, s in zip(capture.rig.names, capture.pictures, strict=True)
@@ -88,6 +88,12 @@ def as_filmed(capture: Capture) -> list[str]:
             " bwdif=mode=send_frame OUT)"
         )
     for name, v in videos.items():
+        if v.perhaps_cut is not None:
+            held, said = v.perhaps_cut
+            notes.append(
+                f"camera {name}: the file says that it lasts {said:.1f} s and ends after {held:.1f} s; it may be cut"
+                " off: copy it again, unless it ends where the others do"
+            )
         if v.square_size != v.size:
             stored, shown = ("x".join(map(str, size)) for size in (v.size, v.square_size))
             notes.append(

@@ -1,8 +1,9 @@
 """Captures as Pose2Sim leaves them: videos, a TOML or Qualisys calibration, OpenPose joints, TRC files, wherever they
 lie.
 
-A camera is named after its video. Its calibration is the table of that name, `int_NAME_img`, one whose `name` says so,
-or Caliscope's `cameras.N` where the video's name ends in N. Calibration and joints put pixel centres at integers.
+A camera is named after its video, or the folder that holds only that one. Its calibration is the table of that name,
+`int_NAME_img`, one whose `name` says so, or Caliscope's `cameras.N` where the video's name ends in N. Calibration and
+joints put pixel centres at integers.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from pydantic import Field
 
 from posegaussian.storage.formats.joint_files import read_openpose
 from posegaussian.storage.importers.caliscope import unread_times
+from posegaussian.storage.importers.camera_folders import has_camera_folders, videos_of
 from posegaussian.storage.importers.cameras import build_rig
 from posegaussian.storage.importers.common import (
     ImportOptions,
@@ -126,12 +128,19 @@ def _calibration(base: Path, options: Pose2SimOptions) -> tuple[Path, dict[str, 
     return path, usable
 
 
-def _table_of(name: str, tables: Mapping[str, Mapping[str, Any]]) -> str | None:
-    """Key of the calibration table of a video."""
+def _named(name: str, tables: Mapping[str, Mapping[str, Any]]) -> str | None:
+    """Key of the calibration table that has a camera's name."""
     for wanted in (name, f"int_{name}_img"):
         for key, table in tables.items():
             if wanted in (key, key.partition(".")[2], str(table.get("name"))):
                 return key
+    return None
+
+
+def _table_of(name: str, tables: Mapping[str, Mapping[str, Any]]) -> str | None:
+    """Key of the calibration table of a video."""
+    if (named := _named(name, tables)) is not None:
+        return named
     index = re.search(r"(\d+)$", name)
     for key in tables if index else ():
         number = re.fullmatch(r"(?:cameras\.|cam_?|port_?)?(\d+)", key)
@@ -141,18 +150,22 @@ def _table_of(name: str, tables: Mapping[str, Mapping[str, Any]]) -> str | None:
 
 
 def _videos(base: Path, options: Pose2SimOptions, tables: Mapping[str, Mapping[str, Any]]) -> dict[str, Path]:
-    """{camera: video} of the one folder whose videos the calibration knows."""
+    """{camera: video} of the one folder whose videos, or folders with a video each, the calibration knows."""
     given = chosen(base, options.videos, "videos")
     folders = [given] if given else [base, *sorted((p for p in all_below(base) if p.is_dir()), key=natural)]
     found = {f: v for f in folders if (v := videos_in(f))}
-    if not found:
+    named = {f for f in folders if has_camera_folders(f, lambda name: _named(name, tables) is not None)}
+    if not found and not named:
         raise SourceError(f"no video in {given or base} or below")
-    known = {f: v for f, v in found.items() if any(_table_of(n, tables) for n in v)} or found
+    known = {f for f, v in found.items() if any(_table_of(n, tables) for n in v)}
     if len(known) > 1:
-        known = {f: v for f, v in known.items() if f.name == "videos"} or known
+        known = {f for f in known if f.name == "videos"} or known
+    if len(known) != 1:
+        known = named or known or set(found)
     if len(known) > 1:
-        raise SourceError(f"several folders hold videos: {shown(base, known)}; choose one with the option videos")
-    videos = next(iter(known.values()))
+        fitting = shown(base, [f for f in folders if f in known])
+        raise SourceError(f"several folders hold videos: {fitting}; choose one with the option videos")
+    videos = videos_of(next(iter(known)), lambda name: _named(name, tables) is not None)
     return {n: videos[n] for n in options.pick(tuple(videos))}
 
 

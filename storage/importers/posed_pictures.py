@@ -8,7 +8,8 @@ from typing import Literal
 
 from pydantic import Field
 
-from posegaussian.storage.importers.common import ImportOptions, image_stream, numbered, videos_in
+from posegaussian.storage.importers.camera_folders import videos_of
+from posegaussian.storage.importers.common import ImportOptions, image_stream, numbered
 from posegaussian.storage.importers.evidence import UnitOptions
 from posegaussian.storage.importers.films import video_streams
 from posegaussian.storage.importers.posed_images import Cameras, PosedImage
@@ -40,7 +41,7 @@ def picture_files(
     """({camera: its pictures or video}, notes) of the cameras that have any; names of images are relative to `root`,
     `kind` is auto, images or videos. Raises SourceError where there are none or not of all, which ends with what to do
     `otherwise`."""
-    videos = videos_in(base / "videos") if kind != "images" else {}
+    videos = videos_of(base / "videos", cameras.images.__contains__) if kind != "images" else {}
     single = all(len(g) == 1 for g in cameras.images.values())
     out: dict[str, Files] = {}
     more = 0

@@ -1,11 +1,12 @@
 """Videos or folders of pictures of one's own, with a calibration that another program wrote.
 
-`NAME.mp4`, `videos/NAME.mp4` or `images/NAME/000000.jpg` and a calibration, recognised by its content: the
-formats of `calibration_formats.py`. A camera's name in it is that of its video or folder.
+`NAME.mp4`, `videos/NAME.mp4`, the one video in `videos/NAME/` or `images/NAME/000000.jpg` and a calibration, recognised
+by its content: the formats of `calibration_formats.py`. A camera's name in it is that of its video or folder.
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from pydantic import Field
 from posegaussian.storage.importers.calibration_format import CalibrationFormat, read_together
 from posegaussian.storage.importers.calibration_formats import FORMATS
 from posegaussian.storage.importers.caliscope import unread_times
+from posegaussian.storage.importers.camera_folders import has_camera_folders, videos_of
 from posegaussian.storage.importers.cameras import build_rig, check_principal_point, raw_centre
 from posegaussian.storage.importers.common import (
     chosen,
@@ -44,9 +46,12 @@ def find(source: Path, options: VideosOptions) -> Capture:
     paths, form = _calibration(base, options.calibration)
     calibration = read_together(paths, form)
     path = paths[0] if len(paths) == 1 else paths[0].parent
-    files = _files(base)
+    files = _files(base, calibration.cameras)
     if not files:
-        raise SourceError(f"no NAME.mp4, videos/NAME.mp4 or images/NAME/000000.jpg in {base}")
+        raise SourceError(
+            f"no NAME.mp4, videos/NAME.mp4 or images/NAME/000000.jpg in {base}, nor a folder in {base / 'videos'} named"
+            f" as one of the cameras {', '.join(list(calibration.cameras)[:6])} with its video"
+        )
     unknown = [n for n in files if n not in calibration.cameras]
     if len(unknown) == len(files):
         raise CalibrationError(
@@ -110,11 +115,15 @@ def _in(base: Path) -> list[Path]:
     return sorted(p for p in entries(base) if p.is_file())
 
 
-def _files(base: Path) -> dict[str, Files]:
-    videos = videos_in(base) or videos_in(base / "videos")
+def _files(base: Path, known: Collection[str]) -> dict[str, Files]:
+    videos = videos_in(base) or videos_of(base / "videos", known.__contains__)
     if videos:
         return dict(videos)
     return {f.name: n for f in subfolders(base / "images") if (n := numbered(f, PICTURE_SUFFIXES))}
+
+
+def _has_files(base: Path) -> bool:
+    return or_broken(lambda: _files(base, ()) or has_camera_folders(base / "videos", lambda _: True))
 
 
 IMPORTER = Importer(
@@ -128,8 +137,8 @@ IMPORTER = Importer(
             lambda base: any(f.fits(p) and not f.left(p) for p in _in(base) for f in FORMATS),
         ),
         Trait(
-            "NAME.mp4, videos/NAME.mp4 or images/NAME",
-            lambda base: or_broken(lambda: _files(base)),
+            "NAME.mp4, videos/NAME.mp4, videos/NAME with a video or images/NAME",
+            _has_files,
             filmed=True,
         ),
     ),

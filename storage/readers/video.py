@@ -8,10 +8,9 @@ sRGB; HDR transfer functions and wide-gamut primaries are refused, as they would
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ import numpy as np
 
 from posegaussian.storage.model.documents import regular
 from posegaussian.storage.model.errors import SourceError
-from posegaussian.storage.model.plausible import check_picture
+from posegaussian.storage.readers.video_container import contents, opened
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".avi", ".webm")
 """File endings that count as videos, lower case."""
@@ -33,6 +32,8 @@ _SEEK_GAP = 48
 # ITU-T H.273 matrix coefficients -> the value PyAV's Colorspace has for swscale.
 _MATRICES = {1: 1, 4: 4, 5: 5, 6: 5, 7: 7, 9: 9}
 _UNSPECIFIED = 2
+_PREDICTED = (2, 3)
+"""Types of pictures that others are needed for, P and B, as PyAV's PictureType has them."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,8 @@ class _Index:
     square_size: tuple[int, int]
     """As the property of `VideoFile`."""
     interlaced: bool
+    """As the property of `VideoFile`."""
+    perhaps_cut: tuple[float, float] | None
     """As the property of `VideoFile`."""
 
 
@@ -114,6 +117,11 @@ class VideoFile:
         were filmed so."""
         return self._index.interlaced
 
+    @property
+    def perhaps_cut(self) -> tuple[float, float] | None:
+        """(seconds that the file holds, seconds that it says it lasts) where so much lacks that it may be cut off."""
+        return self._index.perhaps_cut
+
     def read(self, numbers: Sequence[int] | np.ndarray) -> Iterator[np.ndarray]:
         """[h, w, 3] uint8 sRGB for each of the strictly ascending frame indices, decoded as they are asked for.
 
@@ -125,7 +133,7 @@ class VideoFile:
         for n in wanted:
             if not 0 <= n < self.count:
                 raise SourceError(f"video {self.path} has frames 0 to {self.count - 1}, not {n}")
-        with _opened(self.path) as (container, stream):
+        with opened(self.path) as (container, stream):
             frames, at = self._from(container, stream, 0), -1
             for n in wanted:
                 if self._key_between(at, n):
@@ -146,15 +154,35 @@ class VideoFile:
         )
 
     def _from(self, container: Any, stream: Any, wanted: int) -> Iterator[tuple[int, Any]]:
-        """Decoded frames with their index, from the last keyframe at or before the wanted one.
+        """Decoded frames with their index, from a keyframe from which on the wanted one comes out whole.
+
+        That is the last keyframe, unless what is flagged so only begins a gradual refresh (H.264's recovery points):
+        the decoder then gives no frame until the refresh is complete. The picture decoded first has nothing to refer
+        to, and decoders lose some of those, so the refresh begun there is not relied on, but one that begins at a later
+        recovery point and is complete by the wanted frame.
+        """
+        keys = [k for k in self._index.keys if k[0] <= wanted]
+        if not keys or keys[-1][0] == 0:
+            return self._decoded(container, stream)
+        frames = self._decoded(container, stream, keys[-1])
+        first = next((f for f in frames if f[0] >= keys[-1][0]), None)
+        if first is None:
+            return iter(())
+        refresh = first[0] - keys[-1][0]
+        if not refresh and first[1].pict_type not in _PREDICTED:
+            return chain([first], frames)
+        complete = [n for n, k in enumerate(keys) if k[0] + refresh <= wanted]
+        return self._decoded(container, stream, keys[max(0, complete[-1] - 1) if complete else 0])
+
+    def _decoded(self, container: Any, stream: Any, key: tuple[int, int] | None = None) -> Iterator[tuple[int, Any]]:
+        """Frames with their index from a keyframe on, or from where the container is.
 
         Seeking goes to that keyframe's decode time: whether a container seeks by decode or by presentation time, it
         lands there or earlier, and frames of an open group that precede it in time are never asked for.
         """
         pts = self._index.pts
-        keys = [k for k in self._index.keys if k[0] <= wanted]
-        if pts is not None and keys and keys[-1][0] > 0:
-            container.seek(keys[-1][1], stream=stream, backward=True)
+        if key is not None:
+            container.seek(key[1], stream=stream, backward=True)
         known = {t: i for i, t in enumerate(pts)} if pts is not None else None
         for count, frame in enumerate(container.decode(stream)):
             if known is None:
@@ -163,86 +191,46 @@ class VideoFile:
                 yield known[frame.pts], frame
 
 
-@contextmanager
-def _opened(path: str | Path) -> Iterator[tuple[Any, Any]]:
-    """(container, first video stream) decoding on one thread; every decoder error becomes a SourceError."""
-    import av
-    import av.error
-    import av.logging
-
-    av.logging.set_level(av.logging.PANIC)
-    try:
-        with av.open(str(path), metadata_errors="replace") as container:
-            if not container.streams.video:
-                raise SourceError(f"{path} holds no video stream")
-            stream = container.streams.video[0]
-            if stream.codec_context is None:
-                raise SourceError(
-                    f"video {path} is of a codec that is not known here; write it again, for example in H.264"
-                )
-            if stream.codec_context.width:
-                check_picture(f"video {path}", stream.codec_context.width, stream.codec_context.height)
-            stream.codec_context.thread_count = 1
-            yield container, stream
-    except av.error.FFmpegError as e:
-        raise SourceError(f"cannot read video {path}: {e.strerror or e}; it is damaged, cut off or not a video") from e
-
-
 @lru_cache(maxsize=512)
 def _scan(path: str, size: int, mtime_ns: int) -> _Index:
     """Index of one state of a file; size and modification time are the cache's key."""
-    packets, corrupt, last = [], 0, 0
-    with _opened(path) as (container, stream):
-        promised = stream.frames
-        for p in container.demux(stream):
-            if p.size:
-                packets.append((p.pts, p.dts, p.is_keyframe, p.is_discard))
-                corrupt += p.is_corrupt
-                last = max(last, (p.dts if p.pts is None else p.pts) or 0)
-        base = float(stream.time_base)
-        rate, guessed = stream.average_rate or stream.guessed_rate, stream.guessed_rate
-        timecode, aspect = _timecode(container, stream), float(stream.sample_aspect_ratio or 1)
-        # AVI counts time in frames, and promises those, too, that were dropped: nothing is stored of them.
-        held = last + 1 if container.format.name == "avi" else len(packets)
-    if corrupt or held < promised:
-        raise SourceError(
-            f"video {path} is cut off: it promises {promised} frames"
-            f" and holds {len(packets) - corrupt} whole ones; copy it again"
-        )
-    packets = [p for p in packets if not p[3]]
+    held = contents(path)
+    packets = [p for p in held.packets if not p[3]]
     if not packets:
         raise SourceError(f"video {path} holds no frames")
-    with _opened(path) as (container, stream):
+    with opened(path) as (container, stream):
         frame = next(container.decode(stream), None)
         if frame is None:
             raise SourceError(f"no frame of video {path} can be decoded")
         turns = _quarter_turns(frame, path)
         _to_rgb(frame, turns, Path(path))
-    wide = round(frame.width * aspect)  # scaling to whole px leaves aspects beside 1, which mean nothing
+    wide = round(frame.width * held.aspect)  # scaling to whole px leaves aspects beside 1, which mean nothing
     square = (frame.width if abs(wide - frame.width) <= 1 else wide, frame.height)
     shown = (frame.width, frame.height)
     shown, square = (shown[::-1], square[::-1]) if turns % 2 else (shown, square)
     times = sorted(p[0] for p in packets if p[0] is not None)
     exact = len(set(times)) == len(packets)
     place = {t: i for i, t in enumerate(times)}
-    keys = sorted((place[pts], dts if dts is not None else pts) for pts, dts, key, _ in packets if key) if exact else []
-    seconds = np.array(times) * base if exact else np.zeros(0)
-    periods = _periods(seconds)
+    found = [(pts, dts) for pts, dts, key, _ in packets if key and pts is not None] if exact else []
+    keys = sorted((place[pts], dts if dts is not None else pts) for pts, dts in found)
+    seconds = np.array(times) * held.base if exact else np.zeros(0)
+    periods, rate = _periods(seconds), held.rates[0] if held.rates else 0.0
     if len(seconds) > 1 and (periods is not None or not rate):
-        passed, rates = periods[-1] if periods else len(seconds) - 1, [rate, guessed]
-        rate = _rate(passed, float(seconds[-1] - seconds[0]), base, [float(r) for r in rates if r])
+        passed = periods[-1] if periods else len(seconds) - 1
+        rate = _rate(passed, float(seconds[-1] - seconds[0]), held.base, held.rates)
     return _Index(
         len(packets),
         shown,
-        float(rate or 0),
+        rate,
         turns,
         tuple(times) if exact else None,
         tuple(keys),
         seconds,
         periods,
-        timecode,
+        held.timecode,
         square,
         bool(frame.interlaced_frame),
+        held.perhaps_cut,
     )
 
 
@@ -265,13 +253,6 @@ def _rate(passed: int, span: float, unit: float, named: Sequence[float]) -> floa
     `unit`s of seconds, do not contradict it."""
     measured = passed / span
     return next((r for r in named if abs(r * span - passed) <= 2 * unit * r), measured)
-
-
-def _timecode(container: Any, stream: Any) -> str | None:
-    """What the video, the whole file or a track of timecodes is tagged with, in that order."""
-    tracks = [s for s in container.streams if s.type == "data"]
-    tags = [(k.lower(), v) for m in (stream, container, *tracks) for k, v in m.metadata.items()]
-    return next((str(v) for k, v in tags if k == "timecode"), None)
 
 
 def _quarter_turns(frame: Any, path: str) -> int:

@@ -287,11 +287,11 @@ def test_the_budget_is_a_size(a: Pipeline, text: str, count: int) -> None:
 
 def test_what_the_budget_does_not_hold_is_said_before_the_start(a: Pipeline) -> None:
     none = a.with_settings(*OTHER, "run.keep_variants=0")
-    (sentence,) = none.session.thrown_away([none.plan()])
+    (sentence,) = none.session.disk_warnings([none.plan()])
     assert "will be deleted" in sentence
     assert "run.keep_variants is 0" in sentence
     enough = a.with_settings(*OTHER)
-    assert enough.session.thrown_away([enough.plan()]) == []
+    assert enough.session.disk_warnings([enough.plan()]) == []
     assert enough.session.run_and_report([enough.plan()], Selection()) == 0
     assert states(a.plan()) <= {State.FRESH, State.KEPT}
     assert State.KEPT not in states(a.with_settings("run.keep_variants=0").plan())

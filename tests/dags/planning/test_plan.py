@@ -16,11 +16,13 @@ import pytest
 from posegaussian.dags.planning import fingerprint
 from posegaussian.dags.planning.explain import why as chain
 from posegaussian.dags.planning.plan import State, judge
+from posegaussian.dags.planning.receipt_index import Book
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.tasks import Task
 from posegaussian.dags.runtime.events import TaskDone, TaskFailed
 from posegaussian.dags.runtime.ordering import lacks_description, scope_of
 from posegaussian.stages.registry import stage as stage_named
+from posegaussian.storage.archive.receipts import write_receipt
 from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.model.errors import ConfigError
 from tests.support.pipeline import NAME, Pipeline, assert_same_content, content, ended
@@ -44,6 +46,25 @@ def stale(pipeline: Pipeline) -> dict[str, set[str]]:
 def test_after_a_run_everything_is_fresh_and_a_second_run_computes_nothing(archive: Pipeline) -> None:
     assert archive.plan().all_fresh
     assert archive.ran() == {}
+
+
+def test_where_nothing_was_dropped_nobody_looks_for_what_was(
+    archive: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[Task] = []
+    real = Book.dropped_inputs
+    monkeypatch.setattr(Book, "dropped_inputs", lambda book, task: [asked.append(task), real(book, task)][1])
+    changed = archive.with_settings("gaussians.footprint=0.6")
+    before = changed.plan()
+    assert before.to_make
+    assert asked == []
+    task = next(t for t in before.book.receipts if t.stage == "depth")
+    receipt = before.book.receipts[task]
+    gone = tuple(replace(o, dropped=True) for o in receipt.outputs)
+    write_receipt(changed.context().sequence, replace(receipt, outputs=gone))
+    after = changed.plan()
+    assert set(asked) >= {t for t in before.to_make if t.stage == "gaussians"}
+    assert after.verdicts[task].state is not State.FRESH
 
 
 def test_a_changed_setting_is_named_with_old_and_new_value_and_reruns_only_dependents(archive: Pipeline) -> None:

@@ -8,6 +8,7 @@ import io
 import re
 import shutil
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,8 @@ from rich.console import Console
 
 from posegaussian.dags.diagnostics.tables import projection_table
 from posegaussian.dags.planning import forecast
-from posegaussian.dags.planning.forecast import History, project
-from posegaussian.dags.planning.plan import State
+from posegaussian.dags.planning.forecast import Disk, History, project
+from posegaussian.dags.planning.plan import Plan, State
 from posegaussian.dags.planning.resources import local_pools, refusals
 from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.task_cost import RESERVED, load, needs_of, work
@@ -45,6 +46,16 @@ def archive(finished: Pipeline, tmp_path: Path) -> Pipeline:
 
 def history(pipeline: Pipeline) -> History:
     return History.read(Archive.open(str(pipeline.root)))
+
+
+def disk(pipeline: Pipeline, plan: Plan, known: History) -> Disk:
+    return Disk.of([plan], Archive(pipeline.root), known)
+
+
+def leave_free(monkeypatch: pytest.MonkeyPatch, free: int) -> None:
+    """Have every disk so many bytes free."""
+    usage = shutil.disk_usage(Path.cwd())
+    monkeypatch.setattr(forecast.shutil, "disk_usage", lambda _: usage._replace(free=free))
 
 
 def test_projected_bytes_are_those_of_the_blocks_that_are_written(finished: Pipeline) -> None:
@@ -124,12 +135,12 @@ def test_nothing_is_projected_of_stages_that_a_run_may_not_touch(
     first = Pipeline(archive.root.with_name("first"), archive.folder)
     first.register()
     plan = first.plan(selection=Selection(only=frozenset({"pose"})))
-    (pose,) = project(plan, History())
+    known = history(archive)
+    (pose,) = project(plan, known)
     assert pose.stage == "pose"
-    usage = shutil.disk_usage(first.root)
-    monkeypatch.setattr(forecast.shutil, "disk_usage", lambda _: usage._replace(free=pose.disk))
-    assert forecast.refusals([plan], Archive(first.root), History()) == []
-    assert forecast.refusals([first.plan()], Archive(first.root), History())
+    leave_free(monkeypatch, pose.disk)
+    assert disk(first, plan, known).refusals() == []
+    assert disk(first, first.plan(), known).refusals()
     little = first.with_settings(f"run.memory={needs_of(plan.context, POSE).ram / 2**20 + 0.001}")
     pools = local_pools(little.configuration.default.run)
     assert refusals([little.plan(selection=plan.selection)], pools) == []
@@ -141,15 +152,14 @@ def test_what_may_turn_out_not_to_run_is_no_reason_to_refuse(
 ) -> None:
     first = Pipeline(archive.root.with_name("first"), archive.folder, ["effects.temporal_smoothing=auto"])
     first.register()
-    plan = first.plan()
-    needs = {p.stage: p.peak for p in project(plan, History())}
+    plan, known = first.plan(), history(archive)
+    needs = {p.stage: p.peak for p in project(plan, known) if p.compressed}
     assert plan.context.perhaps_unneeded & needs.keys() == {"smoothing"}
     assert needs["smoothing"] > 0
     certain = sum(needs.values()) - needs["smoothing"]
-    usage = shutil.disk_usage(first.root)
     for free, refused in ((certain, False), (certain - 1, True)):
-        monkeypatch.setattr(forecast.shutil, "disk_usage", lambda _, free=free: usage._replace(free=free))
-        assert bool(forecast.refusals([plan], Archive(first.root), History())) == refused
+        leave_free(monkeypatch, free)
+        assert bool(disk(first, plan, known).refusals()) == refused
 
 
 def test_work_on_captured_pictures_is_the_same_at_every_size_that_is_worked_on(archive: Pipeline) -> None:
@@ -241,23 +251,52 @@ def test_more_bytes_than_the_disk_has_are_refused_before_the_start(
     archive: Pipeline, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plan = archive.plan(selection=Selection(start="frames"))
-    assert forecast.refusals([plan], Archive(archive.root), history(archive)) == [], "what is replaced makes room"
-    usage = shutil.disk_usage(archive.root)
-    monkeypatch.setattr(forecast.shutil, "disk_usage", lambda _: usage._replace(free=1000))
-    first = Pipeline(archive.root.with_name("first"), archive.folder)
-    first.register()
+    assert disk(archive, plan, history(archive)).refusals() == [], "what is replaced makes room"
+    leave_free(monkeypatch, 1000)
+    shutil.rmtree(archive.root / NAME)
+    archive.register()  # the ledger still says what its tasks took
     with pytest.raises(
         ConfigError,
         match=r"the run is projected to need .* more on disk, .* has 1.0 kB free; set run.keep to as_declared",
     ):
-        first.session.run_and_report([first.plan()], Selection())
-    assert not list((first.root / NAME / "_receipts").rglob("*.json"))
+        archive.session.run_and_report([archive.plan()], Selection())
+    assert not list((archive.root / NAME / "_receipts").rglob("*.json"))
+
+
+def test_a_guess_of_what_the_disk_lacks_is_a_warning_and_the_run_goes_on(
+    archive: Pipeline, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first = Pipeline(archive.root.with_name("first"), archive.folder)
+    first.register()
+    leave_free(monkeypatch, 1000)
+    only = Selection(only=frozenset({"frames"}))
+    plan = first.plan(selection=only)
+    assert disk(first, plan, history(archive)).refusals(), "the same, measured"
+    assert disk(first, plan, history(archive)).doubts() == [], "what is refused is not doubted, too"
+    assert first.session.refusals([plan]) == []
+    (told,) = first.session.disk_warnings([plan])
+    assert re.match(
+        r"the run may need (.*B) more on disk, of which \1 are a guess, and .* has 1\.0 kB free: a run of a few frames"
+        r" \(--set frames\.range=0:16\) measures it",
+        told,
+    )
+    loud = replace(first.session, console=Console(width=400))
+    assert loud.run_and_report([plan], only) == 0
+    assert told in capsys.readouterr().out
+    assert list((first.root / NAME / "_receipts").rglob("*.json"))
+
+
+@pytest.mark.parametrize(("free", "refused", "doubted"), [(9, True, False), (10, False, True), (29, False, True)])
+def test_guesses_never_add_to_what_is_refused(free: int, refused: bool, doubted: bool) -> None:
+    room = Disk(10, 20, free, Path("archive"))
+    assert (bool(room.refusals()), bool(room.doubts())) == (refused, doubted)
+    assert Disk(10, 20, 30, Path("archive")).doubts() == []
+    assert Disk(10, -5, 5, Path("archive")).refusals() == [], "what is replaced makes room"
 
 
 def test_a_place_that_cannot_be_written_is_told_and_not_what_its_disk_lacks(
     archive: Pipeline, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    usage = shutil.disk_usage(archive.root)
     first = Pipeline(archive.root.with_name("first"), archive.folder)
     first.register()
     sequence = first.root / NAME
@@ -267,7 +306,7 @@ def test_a_place_that_cannot_be_written_is_told_and_not_what_its_disk_lacks(
             raise PermissionError(errno.EACCES, "Permission denied", str(dir / "tmp"))
         return io.BytesIO()
 
-    monkeypatch.setattr(forecast.shutil, "disk_usage", lambda _: usage._replace(free=1000))
+    leave_free(monkeypatch, 1000)
     monkeypatch.setattr(tempfile, "TemporaryFile", refused)
     (told,) = first.session.refusals([first.plan()])
     assert told.startswith(f"cannot write {sequence}: there is no permission to write in {sequence};"), "a plan's word"

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from posegaussian.stages.camera_paths.paths import make_path
+from posegaussian.stages.camera_paths.paths import _looking_at, make_path
 from posegaussian.stages.contract.io import Views
 from posegaussian.stages.geometry.subject import look_at_point, up_direction
 from posegaussian.storage.model.cameras import CameraPath, Rig, rigid
@@ -147,6 +147,20 @@ def test_an_arc_from_a_camera_to_itself_stands_still() -> None:
     np.testing.assert_allclose(
         path.world_to_camera, np.broadcast_to(path.world_to_camera[:1], path.world_to_camera.shape), atol=1e-12
     )
+
+
+def test_cameras_of_many_frames_are_to_the_byte_those_of_one_frame_after_the_other() -> None:
+    rng = np.random.default_rng(0)
+    subject, up = rng.normal(size=3), np.array([0.0, -1.0, 0.0])
+    centres = np.concatenate([rng.normal(size=(300, 3)), subject + 2 * np.eye(3)[[0, 2]], subject - np.eye(3)[[0, 2]]])
+    each = []
+    for centre in centres:
+        forward = (subject - centre) / np.linalg.norm(subject - centre)
+        right = np.cross(forward, up)
+        right /= np.linalg.norm(right)
+        rotation = np.stack([right, np.cross(forward, right), forward])
+        each.append(rigid(rotation, -rotation @ centre))
+    assert _looking_at(subject, centres, up).tobytes() == np.stack(each).tobytes()
 
 
 def test_an_orbit_goes_once_around_at_the_mean_radius_and_height() -> None:

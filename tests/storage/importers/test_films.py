@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
@@ -44,6 +45,21 @@ def films(base: Path, suffix: str, lacking: Sequence[int] = DROPPED, **more: obj
 
 def said(capture: Capture, about: str) -> list[str]:
     return [n for n in capture.notes if about in n]
+
+
+def test_a_camera_whose_file_lasts_longer_than_it_holds_is_told(tmp_path: Path) -> None:
+    base = films(tmp_path / "capture", ".mkv", WHOLE)
+    path = base / "cam1.mkv"
+    greys = [planes(np.full(ring.SIZE[::-1], 16 + 3 * i, np.uint8)) for i in range(60)]
+    write_clip(path, greys, "ffv1", rate=30, g=1)
+    untagged = path.read_bytes().replace(b"DURATION", b"XURATION")
+    path.write_bytes(untagged[: len(untagged) // 2])
+    (note,) = said(find(base), "cut off")
+    assert re.fullmatch(
+        r"camera cam1: the file says that it lasts 2\.0 s and ends after [01]\.\d s; it may be cut off: copy it again,"
+        " unless it ends where the others do",
+        note,
+    )
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".mkv", ".avi"])

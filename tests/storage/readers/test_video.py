@@ -7,6 +7,7 @@ from fractions import Fraction
 import av
 import numpy as np
 import pytest
+from av.video.frame import PictureType
 
 from posegaussian.storage.exporters.video import write_video
 from posegaussian.storage.model.errors import SourceError
@@ -44,6 +45,34 @@ def test_any_frames_are_the_frames_of_the_whole(tmp_path, monkeypatch, name, opt
     ):
         for n, picture in zip(numbers, video.read(numbers), strict=True):
             np.testing.assert_array_equal(picture, whole[n])
+
+
+@pytest.mark.parametrize(("frames", "options"), [(150, ""), (150, ":bframes=2:b-pyramid=none"), (90, ":ref=4")])
+@pytest.mark.parametrize("name", ["a.mp4", "b.mkv"])
+def test_pictures_renewed_a_column_at_a_time_are_those_of_the_whole(tmp_path, name, frames, options):
+    # Three intra refreshes or more, each of 8 columns over 7 frames; the frame numbers of H.264 wrap at recovery points
+    # 32, 64, 96 and 128, where a decoder that begins there loses the picture.
+    texture = np.random.default_rng(0).integers(16, 235, (64, 128 + frames), np.uint8)
+    clip = write_clip(
+        tmp_path / name,
+        [planes(np.ascontiguousarray(texture[:, i : i + 128])) for i in range(frames)],
+        preset="ultrafast",
+        **{"x264-params": f"intra-refresh=1:keyint=32:scenecut=0{options}"},
+    )
+    with av.open(str(clip)) as container:
+        keys = sum(p.is_keyframe for p in container.demux(video=0))
+        container.seek(0)
+        whole_pictures = sum(f.pict_type == PictureType.I for f in container.decode(video=0))
+    if whole_pictures != 1 or keys < 2:
+        pytest.skip("the encoder has no intra refresh")
+    video = VideoFile(clip)
+    whole = list(video.read(range(frames)))
+    assert len(whole) == frames
+    for start in range(frames):
+        for n, picture in enumerate(video.read(range(start, min(start + 4, frames))), start):
+            np.testing.assert_array_equal(picture, whole[n], err_msg=f"frame {n}, read from {start} on")
+    for n, picture in zip(range(5, frames, 60), video.read(range(5, frames, 60)), strict=True):
+        np.testing.assert_array_equal(picture, whole[n])
 
 
 def test_indices_must_ascend_and_exist(tmp_path):
