@@ -3,9 +3,13 @@ hips, the head."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 
+from posegaussian.stages.geometry.projection import pixel_centres
 from posegaussian.storage.model.cameras import points_to_integer_centres
 from posegaussian.storage.model.joint_sets import JointSet, joint_set
 
@@ -41,7 +45,7 @@ def pixels_per_metre(joints: np.ndarray, set_id: str) -> float:
     """
     known = joint_set(set_id)
     found = []
-    for (a, b), kind in zip(known.limbs, _kinds(known), strict=True):
+    for (a, b), kind in zip(known.limbs, bone_kinds(known), strict=True):
         if kind in LENGTHS and joints[a, 2] > 0 and joints[b, 2] > 0:
             found.append(float(np.linalg.norm(joints[a, :2] - joints[b, :2])) / LENGTHS[kind])
     found.sort()
@@ -55,26 +59,28 @@ def body_shape(joints: np.ndarray, set_id: str, size: tuple[int, int], thickness
     joints [J, 3] (u, v, score) px, our pixel centres; score 0 = unknown, and what hangs on it is left out.
     """
     out = np.zeros((size[1], size[0]), np.uint8)
-    scale, known_set = thickness * pixels_per_metre(joints, set_id), joint_set(set_id)
-    if scale <= 0:
-        return out > 0
-    known, at = joints[:, 2] > 0, points_to_integer_centres(joints[:, :2])
-    for (a, b), kind in zip(known_set.limbs, _kinds(known_set), strict=True):
-        if known[a] and known[b]:
-            _capsule(out, at[a], at[b], scale * RADII.get(kind, OTHER_RADIUS))
-    names = known_set.names
-    torso = [names.index(n) for n in TORSO if n in names]
-    if len(torso) == len(TORSO) and known[torso].all():
-        cv2.fillConvexPoly(out, _fixed(cv2.convexHull(at[torso].astype(np.float32))[:, 0]), 1, shift=SUB)
-    face = [names.index(n) for n in FACE if n in names and known[names.index(n)]]
-    if len(face) > 1:
-        _head(
-            out,
-            at[face].mean(axis=0),
-            at[torso[:2]].mean(axis=0) if len(torso) == len(TORSO) and known[torso[:2]].all() else None,
-            scale,
-        )
+    for part in _parts(joints, set_id, thickness):
+        part.draw(out)
     return out > 0
+
+
+def body_depth(
+    joints: np.ndarray, depth: np.ndarray, set_id: str, size: tuple[int, int], thickness: float = 1.0
+) -> np.ndarray:
+    """[h, w] float32 metres along the optical axis, of the nearest bone where `body_shape` has a body; infinite
+    elsewhere.
+
+    joints [J, 3] as there, depth [J] metres of each. Of bones, not of the skin, because only these are known.
+    """
+    out, drawn = np.full((size[1], size[0]), np.inf, np.float32), np.zeros((size[1], size[0]), np.uint8)
+    for part in _parts(joints, set_id, thickness):
+        part.draw(drawn)
+        left, top, width, height = cv2.boundingRect(drawn)
+        box = slice(top, top + height), slice(left, left + width)
+        there = part.depth(pixel_centres((width, height)) + np.array([left, top]), depth)
+        out[box] = np.where(drawn[box] > 0, np.minimum(out[box], there), out[box])
+        drawn[box] = 0
+    return out
 
 
 def limb_bones(joints: np.ndarray, set_id: str, size: tuple[int, int], thickness: float) -> np.ndarray:
@@ -82,23 +88,75 @@ def limb_bones(joints: np.ndarray, set_id: str, size: tuple[int, int], thickness
     out = np.zeros((size[1], size[0]), np.uint8)
     scale, known_set = thickness * pixels_per_metre(joints, set_id), joint_set(set_id)
     at = points_to_integer_centres(joints[:, :2])
-    for (a, b), kind in zip(known_set.limbs, _kinds(known_set), strict=True):
+    for (a, b), kind in zip(known_set.limbs, bone_kinds(known_set), strict=True):
         if kind in LENGTHS and kind != TRUNK and joints[a, 2] > 0 and joints[b, 2] > 0:
             _capsule(out, at[a], at[b], scale * RADII[kind])
     return out > 0
 
 
-def _head(out: np.ndarray, face: np.ndarray, neck: np.ndarray | None, scale: float) -> None:
-    """A ball about the middle of the face [2], moved away from the middle of the shoulders [2] where they are known,
-    and the neck between."""
-    up = np.array([0.0, -1.0]) if neck is None else (face - neck) / max(float(np.linalg.norm(face - neck)), 1e-9)
-    if neck is not None:
-        _capsule(out, face, neck, scale * NECK_RADIUS)
-    middle = face + scale * HEAD_ABOVE * up
-    _capsule(out, middle, middle, scale * HEAD_RADIUS)
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """A capsule, or the torso, in a picture."""
+
+    at: np.ndarray
+    """[2, 2] ends of a capsule's bone, or [4, 2] corners of the torso, px of integer centres."""
+    of: tuple[list[int], ...]
+    """Of each of these, the joints as deep as it."""
+    radius: float
+    """Px; of a capsule."""
+
+    def draw(self, out: np.ndarray) -> None:
+        """Set its pixels of [h, w] uint8 to 1."""
+        if len(self.at) == 2:
+            _capsule(out, self.at[0], self.at[1], self.radius)
+        else:
+            cv2.fillConvexPoly(out, _fixed(cv2.convexHull(self.at.astype(np.float32))[:, 0]), 1, shift=SUB)
+
+    def depth(self, pixels: np.ndarray, of_joints: np.ndarray) -> np.ndarray:
+        """[h, w] metres at pixels [h, w, 2]: of the bone where it is nearest to each, of the plane nearest to the
+        torso's corners; of_joints [J] metres."""
+        ends, pixels = np.array([of_joints[j].mean() for j in self.of]), points_to_integer_centres(pixels)
+        if len(ends) == 2:
+            along = self.at[1] - self.at[0]
+            share = np.clip((pixels - self.at[0]) @ along / max(float(along @ along), 1e-9), 0, 1)
+            return np.asarray(ends[0] + share * (ends[1] - ends[0]))
+        middle = self.at.mean(axis=0)
+        slope = np.linalg.lstsq(self.at - middle, ends - ends.mean(), rcond=0.1)[0]
+        return np.asarray(np.clip(ends.mean() + (pixels - middle) @ slope, ends.min(), ends.max()))
 
 
-def _kinds(known: JointSet) -> list[tuple[str, str]]:
+def _parts(joints: np.ndarray, set_id: str, thickness: float) -> Iterator[_Part]:
+    """What a body is made of in a picture, of joints [J, 3] and a thickness as of `body_shape`."""
+    scale, known_set = thickness * pixels_per_metre(joints, set_id), joint_set(set_id)
+    if scale <= 0:
+        return
+    known, at = joints[:, 2] > 0, points_to_integer_centres(joints[:, :2])
+    for (a, b), kind in zip(known_set.limbs, bone_kinds(known_set), strict=True):
+        if known[a] and known[b]:
+            yield _Part(at[[a, b]], ([a], [b]), scale * RADII.get(kind, OTHER_RADIUS))
+    names = known_set.names
+    torso = [names.index(n) for n in TORSO if n in names]
+    if len(torso) == len(TORSO) and known[torso].all():
+        yield _Part(at[torso], tuple([j] for j in torso), 0.0)
+    face = [names.index(n) for n in FACE if n in names and known[names.index(n)]]
+    if len(face) > 1:
+        whole = len(torso) == len(TORSO) and bool(known[torso[:2]].all())
+        yield from _head(at, face, torso[:2] if whole else None, scale)
+
+
+def _head(at: np.ndarray, face: list[int], shoulders: list[int] | None, scale: float) -> Iterator[_Part]:
+    """A ball about the middle of the face, moved away from the middle of the shoulders where they are known, and the
+    neck between; at [J, 2] px."""
+    middle, up = at[face].mean(axis=0), np.array([0.0, -1.0])
+    if shoulders is not None:
+        neck = at[shoulders].mean(axis=0)
+        up = (middle - neck) / max(float(np.linalg.norm(middle - neck)), 1e-9)
+        yield _Part(np.stack([middle, neck]), (face, shoulders), scale * NECK_RADIUS)
+    ball = middle + scale * HEAD_ABOVE * up
+    yield _Part(np.stack([ball, ball]), (face, face), scale * HEAD_RADIUS)
+
+
+def bone_kinds(known: JointSet) -> list[tuple[str, str]]:
     """Of every limb, the names of its ends without their side, sorted."""
     stems = [n[1:] if n[0] in "LR" and n[1:2].isupper() else n for n in known.names]
     return [(min(stems[a], stems[b]), max(stems[a], stems[b])) for a, b in known.limbs]

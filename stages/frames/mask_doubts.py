@@ -10,6 +10,8 @@ from posegaussian.storage.model.masks import ROUND, foreground, rim_share
 NEARLY_EMPTY = 0.002
 """Share of the picture below which a mask holds nobody."""
 NEARLY_FULL = 0.7
+MUCH = 0.3
+"""Share of the subject's body behind somebody else from which on it is said."""
 ADVICE: dict[Matte, str] = {
     "given": "the masks that came with the capture hold nothing there: is the subject seen by that camera? If not,"
     " leave it out with views.sources; if so, give it masks, or set frames.matte: person, which makes those of all",
@@ -63,3 +65,13 @@ def doubts(mask: np.ndarray, matte: Matte) -> tuple[str, ...]:
             " light changes and a background plate does not fit: set frames.matte: none, or import masks"
         )
     return tuple(told)
+
+
+def hidden_told(frames: list[int]) -> tuple[str, ...]:
+    """A sentence on the source frames of a view in which somebody hides much of the subject; none without any."""
+    told = (
+        f"somebody who stands nearer hides more than {MUCH:.0%} of the subject in frames"
+        f" {', '.join(map(str, frames))}; its mask holds what is seen of it: keep others out of the way, or leave the"
+        " camera out (views.sources)"
+    )
+    return (told,) if frames else ()

@@ -14,6 +14,7 @@ import numpy as np
 
 from posegaussian.stages.frames.body import body_shape, limb_bones, pixels_per_metre
 from posegaussian.stages.frames.color_likelihood import Plate, color_odds
+from posegaussian.stages.frames.other_people import Others
 from posegaussian.stages.frames.plate_matte import UNSEEN
 from posegaussian.stages.geometry.subject import STATURE
 from posegaussian.stages.imaging.part import part_around
@@ -73,6 +74,8 @@ class Known:
     """[h, w] float32 0..1: where the other views all saw the subject."""
     alone: bool = False
     """Whether nobody else is known to be there, so that what lies at a hand is held by it."""
+    others: Others | None = None
+    """Where somebody else is; None where nobody is known to be."""
 
 
 def person_matte(
@@ -136,6 +139,8 @@ def _prior(known: Known, hands: np.ndarray, scale: float, reach: float) -> np.nd
     """
     size = (hands.shape[1], hands.shape[0])
     body = body_shape(known.joints, known.joint_set, size)
+    others = np.zeros(body.shape, bool) if known.others is None else known.others.anywhere
+    body &= ~others
     if known.hint is not None:
         prior = _of_hint(known.hint, reach)
         prior = np.where(hands, np.maximum(prior, MAY_HOLD), prior)
@@ -145,7 +150,7 @@ def _prior(known: Known, hands: np.ndarray, scale: float, reach: float) -> np.nd
                 & (known.confirmed > 0.5)
                 & (_distance(known.hint > 0.5) > reach)
             )
-            missed = _long(missed, MISSED_LENGTH * scale)
+            missed = _long(missed & ~others, MISSED_LENGTH * scale)
             if missed.any():
                 limb = np.minimum(-_signed(body) / (SKIN * scale), GIVEN_BACK)
                 prior = np.where(_distance(missed) < 2 * reach, np.maximum(prior, limb), prior)
@@ -161,6 +166,7 @@ def _prior(known: Known, hands: np.ndarray, scale: float, reach: float) -> np.nd
     if known.possible is not None:
         # Joints are triangulated: where they are, other views saw the subject, whatever their segmentation says.
         prior = np.where((known.possible < 0.5) & ~body, RULED_OUT, prior)
+    prior = np.where(others, RULED_OUT, prior)
     return prior.astype(np.float32)
 
 

@@ -19,7 +19,7 @@ from posegaussian.stages.frames.facts import (
     OUTLINE_CORRECTION,
     TONE_MAPPING,
 )
-from posegaussian.stages.frames.mask_doubts import around_doubts, doubts, goes_around
+from posegaussian.stages.frames.mask_doubts import MUCH, around_doubts, doubts, goes_around, hidden_told
 from posegaussian.stages.frames.params import FramesParams, resolve_matte
 from posegaussian.stages.frames.person_matte import person_matte
 from posegaussian.stages.frames.plate_matte import plate_matte
@@ -137,26 +137,27 @@ def _fill_mask(
         return ()
     plate = _plate(inputs, warp) if matte == "plate" or SEVERAL_FRAMES in inputs.facts else None
     hints, unknown = Hints(inputs, params.hint_margin) if matte == "person" else None, 0
+    hidden: list[int] = []
     least = 0.0 if hints is None else LEAST_BODY * _body_area(inputs, warp.view)
     for frame in present:
         picture, found = np.ascontiguousarray(color[frame, :height, :width]), None
         if hints is not None:
             if hints.hidden(warp.view, int(frame)):
                 continue
-            found = person_matte(
-                picture, hints.known(warp.view, int(frame)), plate, params.plate_threshold, params.hint_margin
-            )
+            known = hints.known(warp.view, int(frame))
+            found = person_matte(picture, known, plate, params.plate_threshold, params.hint_margin)
+            if known.others is not None and known.others.hides > MUCH:
+                hidden.append(int(inputs.source_frames[frame]))
+            if found is None and known.others is not None:
+                continue  # what a plate tells of is somebody else
             unknown += found is None
         if found is None and plate is not None:
             found = plate_matte(picture, *plate, params.plate_threshold, least)
         if found is not None:
             _place(mask[frame], np.minimum(found, warp.coverage))
     instead = "the background plate tells alone there" if plate is not None else "their masks are empty"
-    return (
-        (f"view {inputs.view}: in {unknown} of {len(present)} frames nobody saw the person, and {instead}",)
-        if unknown
-        else ()
-    )
+    told = f"view {inputs.view}: in {unknown} of {len(present)} frames nobody saw the person, and {instead}"
+    return ((told,) if unknown else ()) + hidden_told(hidden)
 
 
 def _body_area(inputs: Inputs, view: int) -> float:

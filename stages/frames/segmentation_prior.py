@@ -6,8 +6,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from posegaussian.stages.contract.facts import SEGMENTED
+from posegaussian.stages.contract.facts import SEGMENTED, TRACKED
 from posegaussian.stages.contract.io import Inputs
+from posegaussian.stages.frames.other_people import Others, others_in
 from posegaussian.stages.frames.person_matte import FAINT, Known
 from posegaussian.stages.geometry.projection import pixel_centres, rays
 from posegaussian.stages.geometry.subject import look_at_point
@@ -73,6 +74,7 @@ class Hints:
         self._chosen = {v: inputs.read("pose/chosen", v) for v in sources}
         self._alone = inputs.read("pose/alone") if SEGMENTED in inputs.facts else None
         self._joints3d = inputs.read("pose/joints3d")
+        self._others3d = inputs.read("pose/others3d") if TRACKED in inputs.facts else None
         self._joints2d = {inputs.view: inputs.read("pose/joints2d", inputs.view)}
         self._captured: dict[tuple[int, int], np.ndarray] = {}
 
@@ -84,11 +86,22 @@ class Hints:
         possible, confirmed = self.support(view, frame) or (None, None)
         assert self._inputs.joint_set is not None, "the person matte needs joints"
         alone = self._alone is not None and bool(self._alone[frame, 0])
-        return Known(self.of_view(view, frame), joints, self._inputs.joint_set, possible, confirmed, alone)
+        hint, others = self.of_view(view, frame), self.others(view, frame)
+        return Known(hint, joints, self._inputs.joint_set, possible, confirmed, alone, others)
 
     def hidden(self, view: int, frame: int) -> bool:
         """Whether somebody else hides the subject from a view."""
         return view in self._chosen and int(self._chosen[view][frame]) == HIDDEN
+
+    def others(self, view: int, frame: int, cell: int = 1) -> Others | None:
+        """Where somebody else is in a picture of a view, on its grid of `cell` px; None where nobody is known to be."""
+        if self._others3d is None:
+            return None
+        rig, set_id = self._inputs.rig, self._inputs.joint_set
+        assert set_id is not None, "people are followed by their joints"
+        width, height = (-(-int(n) // cell) for n in rig.size[view])
+        subject, others = (np.asarray(a[frame], dtype=np.float64) for a in (self._joints3d, self._others3d))
+        return others_in(rig, view, subject, others, set_id, (width, height), cell)
 
     def of_view(self, view: int, frame: int, cell: int = 1) -> np.ndarray | None:
         """[h, w] float32 segmentation on a view's grid of `cell` px; negative where the estimator did not look, None
@@ -102,14 +115,20 @@ class Hints:
         """Possible and confirmed [h, w] float32 0..1 of a view's pixels by what all other views saw; None where none
         saw the subject.
 
-        See `support.ray_support`. Rays are walked as deep as the known joints lie, give or take half a metre.
+        See `support.ray_support`. Where somebody else stands before the subject a view says nothing, and where they
+        stand beside it the subject is not. Rays are walked as deep as the known joints lie, give or take half a metre.
         """
         inputs = self._inputs
         grids = {u: self.of_view(u, frame, CELL) for u in inputs.views.sources if u != view}
         seen = {u: g for u, g in grids.items() if g is not None}
         if not seen:
             return None
-        fields = _fields(inputs.rig, seen, {u: self._radius(u, frame) for u in seen})
+        fields = _fields(
+            inputs.rig,
+            seen,
+            {u: self._radius(u, frame) for u in seen},
+            {u: self.others(u, frame, CELL) for u in seen},
+        )
         width, height = (-(-int(n) // CELL) for n in inputs.rig.size[view])
         pixels = pixel_centres((width, height)).reshape(-1, 2) * CELL
         origin, directions = rays(pixels, inputs.rig.intrinsics[view], inputs.rig.world_to_camera[view])
@@ -160,7 +179,7 @@ class Hints:
         return np.linspace(near, far, int(np.clip((far - near) / metres, 8, 512)))
 
 
-def _fields(rig: Rig, grids: dict[int, np.ndarray], radius: dict[int, int]) -> Fields:
+def _fields(rig: Rig, grids: dict[int, np.ndarray], radius: dict[int, int], others: dict[int, Others | None]) -> Fields:
     """What the views' segmentations on coarse grids hold possible, widened by a radius in cells, and what they saw."""
     views = sorted(grids)
     height, width = (max(grids[v].shape[i] for v in views) for i in (0, 1))
@@ -169,11 +188,14 @@ def _fields(rig: Rig, grids: dict[int, np.ndarray], radius: dict[int, int]) -> F
         np.full((len(views), height, width), -1.0, np.float32),
     )
     for i, v in enumerate(views):
-        grid = grids[v]
+        saw = np.maximum(grids[v], 0)
+        may = saw
+        if (other := others[v]) is not None:
+            saw = np.where(other.before, np.float32(-1), np.where(other.beside, np.float32(0), saw))
+            may = np.abs(saw)
         disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius[v] + 1,) * 2)
-        wide = cv2.dilate(np.clip(grid / np.float32(2 * FAINT), 0, 1), disc)
-        possible[i, : grid.shape[0], : grid.shape[1]] = wide
-        seen[i, : grid.shape[0], : grid.shape[1]] = np.maximum(grid, 0)
+        possible[i, : saw.shape[0], : saw.shape[1]] = cv2.dilate(np.clip(may / np.float32(2 * FAINT), 0, 1), disc)
+        seen[i, : saw.shape[0], : saw.shape[1]] = saw
     coarse = rig.intrinsics[views].copy()
     coarse[:, :2] /= CELL
     return Fields(possible, seen, to_integer_centres(coarse) @ rig.world_to_camera[views, :3])

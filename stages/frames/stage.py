@@ -14,6 +14,7 @@ from posegaussian.stages.contract.facts import (
     MASKS,
     SEGMENTED,
     SEVERAL_FRAMES,
+    TRACKED,
     TRUTH_DEPTH,
     Facts,
 )
@@ -145,7 +146,7 @@ def notes(evidence: Evidence) -> list[str]:
 STAGE = Stage(
     name="frames",
     summary="Decode, crop, undistort and scale the pictures, and find the foreground.",
-    version=2,
+    version=3,
     run="posegaussian.stages.frames.run:run",
     check="posegaussian.stages.frames.run:check",
     reads=(
@@ -162,6 +163,7 @@ STAGE = Stage(
         Read("pose/alone", when=_segmented),
         Read("pose/joints2d", views="own", when=_person),
         Read("pose/joints3d", when=_person),
+        Read("pose/others3d", when=lambda p, f: TRACKED in f and _person(p, f)),
         Read(SURFACE, views="sources", when=lambda p, f: _matched(p, f) and compared(f) == SURFACE),
         Read(SHARED_LIGHT, when=lambda p, f: _matched(p, f) and compared(f) == SHARED_LIGHT),
         Read("survey/outlines", views="own", when=_corrected),

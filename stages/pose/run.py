@@ -24,7 +24,7 @@ from posegaussian.stages.pose.subject_match import (
     hidden_told,
     nobody_else,
 )
-from posegaussian.stages.pose.tracking import Followed, follow, swaps_told
+from posegaussian.stages.pose.tracking import Followed, follow, others_in_space, swaps_told
 from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.joint_sets import to_set
 
@@ -34,7 +34,7 @@ NEAREST_SUBJECT = 0.5
 
 def run(inputs: Inputs, params: PoseParams) -> Iterator[Block]:
     """Yield pose/joints3d, then pose/joints2d and, while `pose_heatmaps` is on, pose/heatmaps view by view; where an
-    estimator segments people pose/chosen and pose/alone, too.
+    estimator segments people pose/chosen and pose/alone, and where people are followed pose/others3d, too.
 
     Joints keep the joint set they came in, the 2D source's where there is one; heatmaps are COCO-17. Only source views'
     detections are read, of frames where the view is valid; every other view knows its camera only and gets
@@ -55,6 +55,8 @@ def run(inputs: Inputs, params: PoseParams) -> Iterator[Block]:
         yield Block("pose/alone", alone.astype(np.uint8)[:, None])
     unknown = () if in_one_picture(inputs.facts) else unknown_note("pose/joints3d", joints3d)
     yield Block("pose/joints3d", joints3d.astype(np.float32), notes=(*_told(inputs, params, followed), *unknown))
+    if TRACKED in inputs.facts:
+        yield Block("pose/others3d", others_in_space(inputs, params, set_id, followed.joints).astype(np.float32))
     grid = grid_of(inputs.rig.size)
     for v in range(len(inputs.rig)):
         told = v in inputs.views.sources or not in_one_picture(inputs.facts)

@@ -24,7 +24,7 @@ def unneeded(params: PoseParams, facts: Facts) -> str | None:
 STAGE = Stage(
     name="pose",
     summary="Triangulate joints across views, mend swapped sides and gaps over time, encode heatmaps.",
-    version=5,
+    version=6,
     run="posegaussian.stages.pose.run:run",
     check="posegaussian.stages.pose.run:check",
     reads=(
@@ -51,6 +51,15 @@ STAGE = Stage(
             "float32",
             "m",
             "Joints in the world and their score; 0 score = unknown.",
+        ),
+        ArraySpec(
+            "pose/others3d",
+            ("frame", "candidate", "joint", "xyzs"),
+            "float32",
+            "m",
+            "Joints in the world of everybody else who is followed, by their number, and their score; 0 score ="
+            " unknown, as are the subject's here.",
+            when=TRACKED,
         ),
         ArraySpec(
             "pose/heatmaps",

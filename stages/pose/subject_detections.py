@@ -3,6 +3,8 @@ one person a view."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from posegaussian.stages.contract.facts import ESTIMATED, JOINTS2D, TRACKED
@@ -51,26 +53,32 @@ def subject_in_views(inputs: Inputs, params: PoseParams, count: int) -> tuple[np
     if JOINTS2D not in inputs.facts:
         return seen, chosen
     rig, subject_of = inputs.rig.subset(sources), _followed(inputs, params) if TRACKED in inputs.facts else None
-    read = {v: inputs.read(DETECTIONS, v) for v in sources} if ESTIMATED in inputs.facts else None
-    numbers, valid = inputs.footage("joints" if read is None else DETECTIONS)
-    for f in range(frames):
-        people = [
-            (
-                in_frames(inputs, v, _found(inputs, v, int(numbers[f]), bool(valid[f, v]), count), params.joints_frame)
-                if read is None
-                else in_frames(inputs, v, read[v][f])
-            )
-            for v in sources
-        ]
+    for f, people in enumerate(_everybody(inputs, params, count)):
         if subject_of is not None:
             for v, found in zip(sources, people, strict=True):
                 if (who := int(subject_of[f, v])) >= 0:
                     seen[f, v] = found[who]
         else:
             seen[f, sources] = subject(rig, people, params.min_score, params.max_residual)
-        if read is not None:
+        if ESTIMATED in inputs.facts:
             chosen[f, sources] = [_which(p, s) for p, s in zip(people, seen[f, sources], strict=True)]
     return seen, chosen
+
+
+def others_in_views(inputs: Inputs, params: PoseParams, count: int) -> Iterator[dict[int, np.ndarray]]:
+    """Of every frame of the partition, {number: joints [S, J, 3]} of everybody who is followed but the subject, in the
+    source views, px of frames/*; zeros where a view did not see them."""
+    sources = list(inputs.views.sources)
+    first, own = inputs.partition.start - span_of(inputs).start, subject_number(inputs, params)
+    numbers = np.stack([np.asarray(inputs.read("people/number", v)) for v in sources], axis=1)
+    for f, people in enumerate(_everybody(inputs, params, count)):
+        if first <= f < first + len(inputs.partition):
+            followed: dict[int, np.ndarray] = {}
+            for v, found in enumerate(people):
+                for who, joints in zip(numbers[f, v].tolist(), found, strict=False):
+                    if who >= 0 and who != own:
+                        followed.setdefault(who, np.zeros((len(sources), count, 3)))[v] = joints
+            yield followed
 
 
 def subject_number(inputs: Inputs, params: PoseParams) -> int:
@@ -97,6 +105,22 @@ def _followed(inputs: Inputs, params: PoseParams) -> np.ndarray:
     out = np.full((len(own), len(inputs.rig)), -1)
     out[:, list(inputs.views.sources)] = np.where(own.any(axis=2) & (number >= 0), own.argmax(axis=2), -1)
     return out
+
+
+def _everybody(inputs: Inputs, params: PoseParams, count: int) -> Iterator[list[np.ndarray]]:
+    """Of every frame of `span_of(inputs)`, the people [P, J, 3] of every source view, px of frames/*."""
+    sources = inputs.views.sources
+    read = {v: inputs.read(DETECTIONS, v) for v in sources} if ESTIMATED in inputs.facts else None
+    numbers, valid = inputs.footage("joints" if read is None else DETECTIONS)
+    for f in range(len(span_of(inputs))):
+        yield [
+            (
+                in_frames(inputs, v, _found(inputs, v, int(numbers[f]), bool(valid[f, v]), count), params.joints_frame)
+                if read is None
+                else in_frames(inputs, v, read[v][f])
+            )
+            for v in sources
+        ]
 
 
 def _found(inputs: Inputs, view: int, number: int, valid: bool, count: int) -> np.ndarray:

@@ -1,4 +1,5 @@
-"""The subject's joints over time: seen in the views, triangulated, sides put right, occlusions bridged."""
+"""The subject's joints over time: seen in the views, triangulated, sides put right, occlusions bridged; and where
+everybody else is meanwhile."""
 
 from __future__ import annotations
 
@@ -8,11 +9,13 @@ import numpy as np
 
 from posegaussian.stages.contract.facts import TRACKED
 from posegaussian.stages.contract.io import Inputs
+from posegaussian.stages.following.everybody import CANDIDATES
+from posegaussian.stages.geometry.triangulation import unit_of
 from posegaussian.stages.pose.bridge import Bones, bridge
 from posegaussian.stages.pose.jumps import jumps
 from posegaussian.stages.pose.left_right_swaps import Sides, between_views, mended
 from posegaussian.stages.pose.params import PoseParams, halo, swap_reach
-from posegaussian.stages.pose.subject_detections import numbers_of, span_of, subject_in_views
+from posegaussian.stages.pose.subject_detections import numbers_of, others_in_views, span_of, subject_in_views
 from posegaussian.storage.model.joint_sets import joint_set
 
 APART = 0.2
@@ -85,6 +88,29 @@ def follow(inputs: Inputs, params: PoseParams, set_id: str) -> Followed:
         chosen[own.start : own.stop],
         jumped,
     )
+
+
+def others_in_space(inputs: Inputs, params: PoseParams, set_id: str, subject: np.ndarray) -> np.ndarray:
+    """[F, N, J, 4] (x, y, z, score) world metres, of joint set `set_id`, of everybody else who is followed in the F
+    frames of the partition, by their number in people/number; score 0 where the views of a frame do not agree on a
+    joint.
+
+    subject [F, V, J, 3] px of frames/*: what the views saw of the subject, which is nobody else's; where two people
+    touch an estimator gives both the same leg. Nothing is bridged: where an unseen person stands would be a guess at
+    whose a pixel is.
+    """
+    sides, count, sources = Sides.of(set_id), len(joint_set(set_id).names), list(inputs.views.sources)
+    rig, out = inputs.rig.subset(sources), np.zeros((len(inputs.partition), CANDIDATES, count, 4))
+    for f, people in enumerate(others_in_views(inputs, params, count)):
+        for number, joints in people.items():
+            reach = params.max_residual * unit_of(rig, np.arange(len(rig)), joints, params.min_score)
+            own = np.zeros(joints.shape[:2], bool)
+            for seen in (subject[f, sources], subject[f, sources][:, sides.flips]):
+                apart = np.linalg.norm(joints[..., :2] - seen[..., :2], axis=-1)
+                own |= (apart < reach[:, None]) & (seen[..., 2] > 0)
+            theirs = np.where(own[..., None], 0.0, joints)
+            out[f, number] = between_views(rig, theirs, sides, params.min_score, params.max_residual).points
+    return out
 
 
 def following(numbers: np.ndarray, most: float) -> list[slice]:
