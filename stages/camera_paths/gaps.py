@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from posegaussian.stages.geometry.pairs import PairReport, PairVerdict, pair_report
+from posegaussian.stages.geometry.pairs import SHOWN, PairReport, PairVerdict, pair_report
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.storage.model.cameras import CameraPath, Rig
 
@@ -35,7 +35,8 @@ def gap_notes(rig: Rig, sources: Sequence[int], max_angle: float, paths: Mapping
     if len(sources) < 2:
         return []
     rig = rig.subset(sources)
-    reports = {r.views: r for r in pair_report(rig, None, max_angle)}
+    bound = min(max_angle, SHOWN)
+    reports = {r.views: r for r in pair_report(rig, None, bound)}
     found = []
     for path in paths.values():
         gaps, share = ([], 0.0) if path.kind in STANDING else _crossed(rig, reports, _directions(rig, path))
@@ -43,8 +44,8 @@ def gap_notes(rig: Rig, sources: Sequence[int], max_angle: float, paths: Mapping
             told = [_told(rig, reports, gap) for gap in gaps[:NAMED]]
             more = f" and {len(gaps) - NAMED} more" if len(gaps) > NAMED else ""
             found.append(
-                f"camera path {path.text!r}: {share:.0%} of its pictures lie where no two neighbours can be matched"
-                f" (depth.max_angle: {max_angle:g} degrees at the subject): {', '.join(told)}{more}; expect torn limbs"
+                f"camera path {path.text!r}: {share:.0%} of its pictures lie where no two neighbours that can be"
+                f" matched stand within {bound:g} degrees at the subject: {', '.join(told)}{more}; expect torn limbs"
                 f" and holes there. {_instead(rig, reports, gaps[:NAMED])}"
             )
     return found

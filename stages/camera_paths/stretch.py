@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from posegaussian.stages.geometry.pairs import MAX_ANGLE, pair_report
+from posegaussian.stages.geometry.pairs import MAX_ANGLE, SHOWN, pair_report
 from posegaussian.stages.geometry.subject import look_at_point, up_direction
 from posegaussian.storage.model.cameras import CameraPath, Rig
 
@@ -72,13 +72,13 @@ def best_stretch(rig: Rig, sources: Sequence[int], max_angle: float = MAX_ANGLE)
     """The stretch of the largest group of source cameras, at equal size that with the narrowest gaps; None where no two
     can be matched.
 
-    Groups are what usable pairs (`posegaussian.stages.geometry.pairs`) hold together. Within one the stretch goes all
-    the way around where it can, else as far as it can, and by the sum of squared steps in azimuth and in elevation:
-    past every camera between, but not up and down between two rows of them. Of rings about as even, such as those of
-    a dome, it is the one nearest to the subject's height.
+    Groups are what usable pairs within `SHOWN` degrees (`posegaussian.stages.geometry.pairs`) hold together. Within one
+    the stretch goes all the way around where it can, else as far as it can, and by the sum of squared steps in azimuth
+    and in elevation: past every camera between, but not up and down between two rows of them. Of rings about as even,
+    such as those of a dome, it is the one nearest to the subject's height.
     """
     angles: dict[tuple[int, int], float] = {}
-    for report in pair_report(rig, sources, max_angle):
+    for report in pair_report(rig, sources, min(max_angle, SHOWN)):
         if report.usable:
             angles[report.views] = angles[report.views[::-1]] = round(report.angle, 1)
     _, _, height, flat = around(rig, sources)

@@ -12,7 +12,7 @@ from posegaussian.stages.contract.judged import DEPTH, MATTES, NONE, cannot_judg
 from posegaussian.stages.depth.methods.registry import BY_PICTURES, METHODS
 from posegaussian.stages.depth.methods.sgbm import METHOD as SGBM
 from posegaussian.stages.depth.params import AUTO, PICKED, DepthParams, method_choice
-from posegaussian.stages.geometry.pairs import neighbour_angles
+from posegaussian.stages.geometry.pairs import NARROW, neighbour_angles
 from posegaussian.storage.model.cameras import Rig
 
 TIE = 0.1
@@ -25,7 +25,9 @@ NEAR = 50.0
 of the judge's time. In finished pictures of twelve people with eight or sixteen cameras 22 to 45 degrees apart (384 px;
 docs/measurements/quality.md) it is 0.03 dB worse than the sweep on the mean, from -0.18 to +0.21, and left-out views do
 not tell where it is better. Of fewer cameras they tell on eight of nine people, where it is up to 0.37 dB worse and
-0.49 better; on `balance` and `desk` it is better by 0.14 and 0.22."""
+0.49 better; on `balance` and `desk` it is better by 0.14 and 0.22. Nor is it asked where a view has no neighbour within
+`NARROW`: of seven people before four cameras all around it is 0.3 dB worse on the mean, from -0.4 to +1.5
+(docs/measurements/rigs.md), and left-out views took it where it is 1.4 dB worse."""
 AHEAD = 1.0
 """dB by which a surface that no picture has a say in must lead those that match. A left-out view is drawn across a gap
 twice as wide as any that a run draws: there pairs are hardly comparable, and matching looks no better than the hull, or
@@ -43,7 +45,8 @@ def by_pictures(params: DepthParams, facts: Facts) -> bool:
 def tried(rig: Rig, sources: Sequence[int]) -> tuple[str, ...]:
     """The methods of `BY_PICTURES` that left-out source views are drawn by."""
     near = len(sources) > 2 and float(neighbour_angles(rig, sources, 2).max()) <= NEAR
-    return tuple(name for name in BY_PICTURES if not (near and name == SGBM.name))
+    far = len(sources) > 1 and float(neighbour_angles(rig, sources, 1).max()) > NARROW
+    return tuple(name for name in BY_PICTURES if not ((near or far) and name == SGBM.name))
 
 
 def pick(evidence: Evidence) -> Picked | None:

@@ -124,8 +124,8 @@ def joints_that_fit(fit: np.ndarray) -> tuple[float, float | None, float]:
 LIMB_BOUNDS = Effect(
     facts.LIMB_BOUNDS,
     "Search for the surface no farther in front of the limbs than cloth reaches, where the hull has phantoms. A view"
-    " that is compared with a single other one is searched no farther behind their bones either, and what was not"
-    " matched there lies on the limb that it shows.",
+    " that is compared with at most one other within 66 degrees is searched no farther behind their bones either, and"
+    " what was not matched there lies on the limb that it shows; so does all of a view that none is compared with.",
     "share of the joints within 1.5 % of the picture's longer side from the triangulated ones",
     # Above a half means a median distance below 1.5 %, 7.7 px at 512.
     0.5,

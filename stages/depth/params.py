@@ -27,13 +27,13 @@ class DepthParams(Params):
         AUTO,
         "; ".join(f"{m.name}: {m.sentence}" for m in METHODS.values())
         + f"; {AUTO}: given, else relief for a single source view, else what draws left-out source views best of"
-        f" {', '.join(BY_PICTURES)} (sgbm only where cameras are few or far apart); sweep where none can be left"
-        " out.",
+        f" {', '.join(BY_PICTURES)} (sgbm only where second neighbours stand more than 50 degrees away, and first ones"
+        " 66 at most); sweep where none can be left out.",
         quality_levels=list(BY_PICTURES),
     )
     pairs: int = setting(2, "Neighbouring views each view is compared with.", quality_levels=[1, 2], ge=1, le=4)
     max_angle: float = setting(
-        66.0, "Widest angle at the subject between two views that are matched.", unit="degrees", gt=0, lt=180
+        105.0, "Widest angle at the subject between two views that are matched.", unit="degrees", gt=0, lt=180
     )
     consistency: float = setting(
         1.5, "Disagreement with the other views above which a match is dropped.", unit="px", gt=0

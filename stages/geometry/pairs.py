@@ -15,8 +15,14 @@ from posegaussian.stages.geometry.rectification import rectify
 from posegaussian.stages.geometry.subject import TALL_STATURE, body_points, look_at_point, up_direction
 from posegaussian.storage.model.cameras import Rig
 
-MAX_ANGLE = 66.0
+MAX_ANGLE = 105.0
 """Degrees at the subject; wider pairs see too little of the same surface."""
+NARROW = 66.0
+"""Degrees at the subject up to which two views see most of the same surface: a view with no two such partners leaves
+much of what it shows to its limbs."""
+SHOWN = 75.0
+"""Degrees up to which what lies between two views is shown without being asked for: five cameras all around are drawn
+whole (docs/measurements/rigs.md), four are not."""
 MIN_BASELINE = 0.02
 """Baseline per distance of the subject (1.1 degrees):
 below it one pixel of disparity is a tenth of the distance and more."""

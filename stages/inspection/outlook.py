@@ -29,7 +29,7 @@ HULL = ((22.5, 30.5), (45.0, 23.7), (60.0, 20.8))
 """The same of the hull alone, dB."""
 TIERS = ("sharp", "good", "fair", "poor", "not fit to be shown")
 """From sixteen cameras around to what cannot be looked at."""
-TIER_ANGLES = (25.0, 50.0, 66.0)
+TIER_ANGLES = (25.0, 50.0, 75.0)
 """Degrees between neighbours up to which the first three can be had."""
 CAMERAS = (5.0, -inf)
 """Source cameras from which on a hull can close behind the subject. Fewer are never bad by themselves, but at best

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posegaussian.stages.geometry.pairs import PairReport, PairVerdict, shared_body
+from posegaussian.stages.geometry.pairs import MAX_ANGLE, PairReport, PairVerdict, shared_body
 from posegaussian.stages.geometry.subject import look_at_point, up_direction
 from posegaussian.stages.inspection.finding import Finding, FindingVerdict, measured, unmeasured
 from posegaussian.stages.inspection.planned import Planned
@@ -15,9 +15,9 @@ from posegaussian.storage.model.cameras import Rig
 PARTNERED = (1.0, 0.6)
 """Share of the source cameras that some other is matched with. Of two cameras in four (`desk` of
 docs/measurements/quality.md) pictures come apart; where all four have a partner (`balance`) they hold together."""
-NEIGHBOURS = (50.0, 66.0)
+NEIGHBOURS = (50.0, MAX_ANGLE)
 """Degrees from a camera to its nearest partner: people filmed by eight cameras on a ring (45 degrees, a few more by
-hand) come out whole; beyond 66 nothing is matched, see docs/measurements/quality.md."""
+hand) come out whole; beyond 105 nothing is matched, see docs/measurements/rigs.md."""
 REMEDY = {
     PairVerdict.TOO_WIDE: (
         "set a camera between them, or the cameras closer together: below {bound:g} degrees at the subject"

@@ -344,7 +344,7 @@ CASES = (
         lambda: worst(naive_lost(r) for r in WIDE),
         lambda: worst(lost(r) for r in [*WIDE, *OPPOSITE]),
         0.02,
-        "principal points follow the subject; wider than 66 degrees is not matched",
+        "principal points follow the subject; wider than 105 degrees is not matched",
     ),
     Case(
         "D1",

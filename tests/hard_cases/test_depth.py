@@ -21,6 +21,7 @@ from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.errors import SourceError
 from posegaussian.storage.readers.images import read_depth, write_png
 from tests.hard_cases.cases_depth import (
+    OPPOSITE,
     ORIGIN,
     VERTICAL,
     WIDE,
@@ -46,7 +47,8 @@ def test_r1_baselines_that_run_any_way_get_common_rows() -> None:
 
 
 def test_r2_pairs_are_matched_up_to_the_widest_angle_and_keep_the_body() -> None:
-    assert [classify(r, 0, 1).usable for r in WIDE] == [True, True, True, False, False, False]
+    assert [classify(r, 0, 1).usable for r in WIDE] == [True] * 6
+    assert not any(classify(r, 0, 1).usable for r in OPPOSITE)
     assert max(lost(r) for r in WIDE) == 0
 
 

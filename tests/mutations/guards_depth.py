@@ -16,7 +16,7 @@ GUARDS = (
         "intrinsics[:, 0, 2] = size / 2 - focal * seen[:, 0] / seen[:, 2]",
         "intrinsics[:, 0, 2] = rig.size[pair][:, 0] / 2",
     ),
-    guards_of("R2")(PAIRS, "MAX_ANGLE = 66.0", "MAX_ANGLE = 180.0"),
+    guards_of("R2")(PAIRS, "MAX_ANGLE = 105.0", "MAX_ANGLE = 180.0"),
     guards_of("D1")(PICTURES, 'np.dtype(np.float32): "float"', 'np.dtype(np.float32): "half"'),
     guards_of("D1")(PICTURES, "if values.dtype != np.float32:\n        raise", "if False:\n        raise"),
     guards_of("D2")(

@@ -10,7 +10,7 @@ import numpy as np
 from posegaussian.stages.depth.algorithms.pose_prior import bounded
 from posegaussian.stages.depth.algorithms.relief import relief
 from posegaussian.stages.depth.algorithms.search import SearchSettings
-from posegaussian.stages.geometry.pairs import alone, choose_pairs
+from posegaussian.stages.geometry.pairs import alone, angle_at, choose_pairs
 from posegaussian.stages.geometry.rectification import RectifiedPair, rectify
 from posegaussian.stages.geometry.subject import look_at_point, up_direction
 from posegaussian.stages.matching.fuse import MATCHED
@@ -97,6 +97,11 @@ class Geometry:
             v: Neighbours.of(rig, v, nearest(rig, v, self.views, params.pairs, params.max_angle, centre), centre)
             for v in self.views
         }
+
+    def partner_angles(self, view: int) -> list[float]:
+        """Degrees at the subject between a view and each of its `neighbours`."""
+        centres = self.rig.centres
+        return [angle_at(self.centre, centres[view], centres[k]) for k in self.neighbours[view].views]
 
     def pixel(self, view: int) -> float:
         """1/metres that move a point by one px in the neighbour that moves most; 0 without a neighbour."""

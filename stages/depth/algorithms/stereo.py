@@ -6,11 +6,11 @@ from __future__ import annotations
 import numpy as np
 
 from posegaussian.stages.depth.algorithms.consensus import agreed
+from posegaussian.stages.depth.algorithms.few_partners import Limbs, completed, searched, unmatched, with_few_partners
 from posegaussian.stages.depth.algorithms.occluding_contour import turn_away
 from posegaussian.stages.depth.algorithms.rows import in_rows
-from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, Maps, depth_range, hulls, surfaces
+from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, Maps, depth_range, hulls
 from posegaussian.stages.depth.algorithms.search import SearchSettings
-from posegaussian.stages.depth.algorithms.single_partner import Limbs, completed, searched, with_single_partner
 from posegaussian.stages.matching.bounds import IN_FRONT, Bounds, around
 from posegaussian.stages.matching.sampling import beyond_silhouette
 from posegaussian.stages.matching.sgbm import NARROW, WIDE
@@ -27,14 +27,14 @@ def estimate(geometry: Geometry, frame: Frame, params: SearchSettings, checked: 
     """
     inside, found = frame.inside, hulls(geometry, frame)
     colors = {v: beyond_silhouette(c, inside[v]) for v, c in frame.colors.items()}
-    single = with_single_partner(geometry, frame, found)
+    few = with_few_partners(geometry, frame, found)
     bounds, limits = {}, {}
     for v, hull in found.items():
-        bounds[v], limits[v] = searched(geometry, v, hull, geometry.inverse_depth(v, IN_FRONT), single)
-    unmatched = surfaces(geometry, found)
-    first = _completed(in_rows(geometry, colors, inside, bounds, params, checked, WIDE), found, unmatched, single)
+        bounds[v], limits[v] = searched(geometry, v, hull, geometry.inverse_depth(v, IN_FRONT), few)
+    rest = unmatched(geometry, found, frame.flesh)
+    first = _completed(in_rows(geometry, colors, inside, bounds, params, checked, WIDE), found, rest, few)
     again = {v: around(first[v][0], geometry.inverse_depth(v, RESIDUAL), *limits[v]) for v in found}
-    last = _completed(in_rows(geometry, colors, inside, again, params, checked, NARROW), found, unmatched, single)
+    last = _completed(in_rows(geometry, colors, inside, again, params, checked, NARROW), found, rest, few)
     return agreed(geometry, {v: turn_away(geometry.rig, v, *last[v], *found[v], inside[v]) for v in found}, found)
 
 
@@ -52,5 +52,5 @@ def estimate_open(geometry: Geometry, frame: Frame, params: SearchSettings, chec
     return in_rows(geometry, frame.colors, inside, bounds, params, checked, WIDE)
 
 
-def _completed(rounds: Maps, hulls: Maps, unmatched: dict[int, np.ndarray], single: dict[int, Limbs | None]) -> Maps:
-    return {v: completed(rounds[v], hulls[v], unmatched[v], single.get(v)) for v in rounds}
+def _completed(rounds: Maps, hulls: Maps, rest: dict[int, np.ndarray], few: dict[int, Limbs | None]) -> Maps:
+    return {v: completed(rounds[v], hulls[v], rest[v], few.get(v)) for v in rounds}

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from posegaussian.stages.depth.algorithms.consensus import agreed
+from posegaussian.stages.depth.algorithms.few_partners import completed, searched, unmatched, with_few_partners
 from posegaussian.stages.depth.algorithms.occluding_contour import turn_away
 from posegaussian.stages.depth.algorithms.rows import in_rows
-from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, Maps, depth_range, hulls, surfaces
+from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, Maps, depth_range, hulls
 from posegaussian.stages.depth.algorithms.search import SearchSettings
-from posegaussian.stages.depth.algorithms.single_partner import completed, searched, with_single_partner
 from posegaussian.stages.depth.algorithms.smooth_disparity import even
 from posegaussian.stages.matching.bounds import IN_FRONT, Bounds, around, between
 from posegaussian.stages.matching.fuse import MATCHED, complete, fuse, transfer
@@ -60,11 +60,11 @@ def sweep_hull(geometry: Geometry, frame: Frame, params: SearchSettings, checked
     inside, found = frame.inside, hulls(geometry, frame)
     colors = {v: beyond_silhouette(c, inside[v]) for v, c in frame.colors.items()}
     pictures = {v: _picture(c) for v, c in colors.items()}
-    single = with_single_partner(geometry, frame, found)
+    few = with_few_partners(geometry, frame, found)
     bounds, limits = {}, {}
     for v, hull in found.items():
-        bounds[v], limits[v] = searched(geometry, v, hull, _motion(geometry, v, IN_FRONT), single)
-    unmatched = surfaces(geometry, found)
+        bounds[v], limits[v] = searched(geometry, v, hull, _motion(geometry, v, IN_FRONT), few)
+    rest = unmatched(geometry, found, frame.flesh)
     maps: Maps = {}
     for stage in PASSES:
         if stage.reach is not None:
@@ -80,7 +80,7 @@ def sweep_hull(geometry: Geometry, frame: Frame, params: SearchSettings, checked
             else _pass(geometry, pictures, bounds, stage, params.consistency, checked)
         )
         matched = {v: rows[v] if v in paired else swept[v] for v in geometry.views}
-        maps = {v: completed(matched[v], found[v], unmatched[v], single.get(v)) for v in geometry.views}
+        maps = {v: completed(matched[v], found[v], rest[v], few.get(v)) for v in geometry.views}
     maps = {v: (even(z, geometry.pixel(v), KEPT), c) for v, (z, c) in maps.items()}
     return agreed(
         geometry, {v: turn_away(geometry.rig, v, *maps[v], *found[v], inside[v]) for v in geometry.views}, found

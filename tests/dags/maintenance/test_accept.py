@@ -75,7 +75,7 @@ def test_settings_may_be_accepted_and_each_acceptance_is_kept(archive: Pipeline)
     assert second.plan().all_fresh
     assert [n["reason"] for n in depth(archive).facts["accepted"]] == ["no pair is that wide", "nor that wide"]
     assert [n["changed"] for n in depth(archive).facts["accepted"]] == [
-        ["depth.max_angle 66.0 -> 64.0"],
+        ["depth.max_angle 105.0 -> 64.0"],
         ["depth.max_angle 64.0 -> 63.0"],
     ]
 
@@ -85,7 +85,7 @@ def test_why_shows_the_acceptance(archive: Pipeline) -> None:
     accept(changed.plan(), "depth", "no pair is that wide")
     plan = changed.plan()
     text = "\n".join(why(plan, next(t for t in plan.verdicts if t.stage == "depth")))
-    assert "no pair is that wide (depth.max_angle 66.0 -> 64.0; fingerprint was" in text
+    assert "no pair is that wide (depth.max_angle 105.0 -> 64.0; fingerprint was" in text
 
 
 def test_why_tells_what_differs_at_every_stale_step(archive: Pipeline) -> None:

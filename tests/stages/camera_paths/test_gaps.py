@@ -46,9 +46,9 @@ def test_neither_are_orbits_and_arcs_of_ordinary_rings(rig: Rig, frames: int) ->
 def test_an_arc_across_a_gap_is_told_who_stands_at_its_ends_and_what_to_render_instead() -> None:
     (note,) = told(RIGS["two groups"], "arc cam0 cam3")
     assert note == (
-        "81% of its pictures lie where no two neighbours can be matched (depth.max_angle: 66 degrees at the subject):"
-        " between cam0 and cam3 (113 degrees); expect torn limbs and holes there. No gap is crossed by --path between"
-        " or 'arc cam0 cam1' or 'arc cam2 cam3'"
+        "81% of its pictures lie where no two neighbours that can be matched stand within 75 degrees at the"
+        " subject: between cam0 and cam3 (113 degrees); expect torn limbs and holes there. No gap is crossed by"
+        " --path between or 'arc cam0 cam1' or 'arc cam2 cam3'"
     )
     assert told(RIGS["two groups"], "arc cam0 cam1") == []
 
@@ -60,10 +60,11 @@ def test_the_gap_is_named_and_not_the_ends_of_the_path() -> None:
     assert "'arc cam0 cam1' or 'arc cam2 cam3'" in note
 
 
-def test_the_bound_is_the_setting() -> None:
-    rig = places(*row(0, 40, 120, 160))
-    assert told(rig, "arc cam0 cam3", max_angle=80.0) == []
-    assert "depth.max_angle: 30 degrees" in told(ring(8), "arc cam0 cam1", max_angle=30.0)[0]
+def test_the_bound_is_the_setting_where_that_is_narrower() -> None:
+    rig = places(*row(0, 40, 110, 150))
+    assert told(rig, "arc cam0 cam3") == []
+    assert "within 60 degrees" in told(rig, "arc cam0 cam3", max_angle=60.0)[0]
+    assert "within 30 degrees" in told(ring(8), "arc cam0 cam1", max_angle=30.0)[0]
 
 
 def test_a_camera_that_is_held_out_closes_no_gap() -> None:
@@ -101,5 +102,5 @@ def test_the_plan_warns(tmp_path: Path) -> None:
     film(tmp_path / "capture", views=4, size=48, frames=3, held_out=0)
     pipeline = Pipeline(tmp_path / "archive", tmp_path / "capture", held_out="[]")
     pipeline.register()
-    assert [n for n in pipeline.plan("arc cam00 cam01").notes if "no two neighbours can be matched" in n]
-    assert not [n for n in pipeline.plan("sway").notes if "no two neighbours can be matched" in n]
+    assert [n for n in pipeline.plan("arc cam00 cam01").notes if "no two neighbours that can be matched" in n]
+    assert not [n for n in pipeline.plan("sway").notes if "no two neighbours that can be matched" in n]

@@ -9,7 +9,7 @@ import pytest
 from posegaussian.stages.camera_paths.paths import make_path
 from posegaussian.stages.camera_paths.stretch import best_stretch, stretch_notes
 from posegaussian.stages.contract.io import Views
-from posegaussian.stages.geometry.pairs import MAX_ANGLE, angle_at, pair_report
+from posegaussian.stages.geometry.pairs import MAX_ANGLE, SHOWN, angle_at, pair_report
 from posegaussian.stages.geometry.subject import look_at_point, up_direction
 from posegaussian.storage.model.cameras import CameraPath, Rig
 from posegaussian.storage.model.errors import UserError
@@ -81,13 +81,13 @@ def test_every_camera_lies_between_two_neighbours_that_can_be_matched(name: str)
     for the bulge of a parallel (2 degrees)."""
     rig, slack = RIGS[name], 1e-9
     known, subject = cylinder(rig, rig.centres), look_at_point(rig)
-    usable = [r for r in pair_report(rig) if r.usable]
+    usable = [r for r in pair_report(rig, None, SHOWN) if r.usable]
     for centre, (azimuth, height, distance) in zip(
         centres(path_of(rig)), cylinder(rig, centres(path_of(rig))), strict=True
     ):
         within = False
         for r in usable:
-            assert r.angle <= MAX_ANGLE
+            assert r.angle <= SHOWN
             low, high = np.minimum(*known[list(r.views)]), np.maximum(*known[list(r.views)])
             gap = (known[r.views[1], 0] - known[r.views[0], 0] + np.pi) % (2 * np.pi) - np.pi
             on = ((azimuth - known[r.views[0], 0] + np.pi) % (2 * np.pi) - np.pi) * np.sign(gap)
@@ -214,12 +214,15 @@ def test_only_sources_are_passed_and_without_a_pair_it_says_so() -> None:
         path_of(rig, sources=(3,))
 
 
-def test_a_wider_bound_closes_the_ring() -> None:
-    rig = rig_of([camera(on_ring(a, 0), MIDDLE) for a in range(0, 360, 72)], focal=600)
-    assert best_stretch(rig, range(5)) is None
-    wide = best_stretch(rig, range(5), 75)
+def test_a_narrower_bound_opens_the_ring_and_none_closes_one_of_four() -> None:
+    """Four cameras are matched, 90 degrees apart, but not shown in between where nobody asks for it."""
+    five, four = (rig_of([camera(on_ring(a, 0), MIDDLE) for a in range(0, 360, step)], focal=600) for step in (72, 90))
+    wide = best_stretch(five, range(5))
     assert wide is not None
     assert wide.closed
+    assert best_stretch(five, range(5), 66) is None
+    assert any(r.usable for r in pair_report(four))
+    assert best_stretch(four, range(4)) is None
 
 
 def test_the_plan_says_whom_the_path_does_not_pass() -> None:

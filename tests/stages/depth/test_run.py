@@ -151,7 +151,7 @@ def test_the_hull_stands_before_the_truth_and_hull_depth_is_not_before_the_hull(
 
 
 def test_views_that_no_pair_serves_get_the_hull_with_low_confidence(method: str) -> None:
-    c = capture_person(views=4, size=64, frames=1, held_out=0)
+    c = capture_person(views=3, size=64, frames=1, held_out=0)
     found, hull = depth_of(c, method=method), depth_of(c, method="hull")
     np.testing.assert_array_equal(found[DEPTH], hull[DEPTH])
     assert found[DEPTH].any()

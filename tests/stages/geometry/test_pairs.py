@@ -36,9 +36,9 @@ ROWS: dict[str, tuple[Rig, PairVerdict]] = {
     "22.5": (rig_of([REFERENCE, beside(22.5)]), PairVerdict.USABLE),
     "45": (rig_of([REFERENCE, beside(45)]), PairVerdict.USABLE),
     "60": (rig_of([REFERENCE, beside(60)]), PairVerdict.USABLE),
-    "67.5": (rig_of([REFERENCE, beside(67.5)]), PairVerdict.TOO_WIDE),
-    "72": (rig_of([REFERENCE, beside(72)]), PairVerdict.TOO_WIDE),
-    "90": (rig_of([REFERENCE, beside(90)]), PairVerdict.TOO_WIDE),
+    "67.5": (rig_of([REFERENCE, beside(67.5)]), PairVerdict.USABLE),
+    "72": (rig_of([REFERENCE, beside(72)]), PairVerdict.USABLE),
+    "90": (rig_of([REFERENCE, beside(90)]), PairVerdict.USABLE),
     "120": (rig_of([REFERENCE, beside(120)]), PairVerdict.TOO_WIDE),
     "180": (rig_of([REFERENCE, beside(180)]), PairVerdict.TOO_WIDE),
     "vertical 20": (rig_of([REFERENCE, camera(on_ring(0, 28), ORIGIN)]), PairVerdict.USABLE),
@@ -47,7 +47,10 @@ ROWS: dict[str, tuple[Rig, PairVerdict]] = {
     "one rolled 90": (rig_of([REFERENCE, beside(22.5, 90)]), PairVerdict.USABLE),
     "one rolled 45": (rig_of([REFERENCE, beside(22.5, 45)]), PairVerdict.USABLE),
     "one upside down": (rig_of([REFERENCE, beside(22.5, 180)]), PairVerdict.USABLE),
-    "one above the other, too far": (rig_of([REFERENCE, camera(on_ring(0, 78), ORIGIN)]), PairVerdict.TOO_WIDE),
+    "one above the other, too far": (
+        rig_of([camera(on_ring(0, -40), ORIGIN), camera(on_ring(0, 70), ORIGIN)]),
+        PairVerdict.TOO_WIDE,
+    ),
     "camera behind camera": (rig_of([REFERENCE, camera(on_ring(0, radius=3.0), ORIGIN)]), PairVerdict.BEHIND),
     "coincident": (rig_of([REFERENCE, REFERENCE]), PairVerdict.COINCIDENT),
     "same place, turned": (rig_of([REFERENCE, camera(on_ring(0), np.array([0.0, 0.2, 0.0]))]), PairVerdict.COINCIDENT),
@@ -205,12 +208,12 @@ def test_pairs_are_chosen_by_angle_and_only_among_sources():
 def test_no_pair_of_the_report_is_left_out():
     reports = pair_report(ring(8))
     assert len(reports) == 28
-    assert sum(r.usable for r in reports) == 8
+    assert sum(r.usable for r in reports) == 16
     assert {r.verdict for r in reports} == {PairVerdict.USABLE, PairVerdict.TOO_WIDE}
 
 
 def test_every_pair_that_is_not_matched_is_spoken_of() -> None:
-    rig = rig_of([REFERENCE, beside(22.5), beside(90), beside(180)])
+    rig = rig_of([REFERENCE, beside(22.5), beside(60), beside(180)])
     reports, notes = pair_report(rig), pair_notes(rig, range(4))
     refused = [r for r in reports if not r.usable]
     assert refused

@@ -45,7 +45,8 @@ def findings(plan: Planned, *more: Finding) -> list[Finding]:
         (TWO_PAIRS, "given", (), "fair"),
         (TWO_PAIRS, "plate", (), "poor"),
         (around(0, 10), "given", (), "fair"),
-        (around(0, 90, 180, 270), "given", (), "not fit to be shown"),
+        (around(0, 90, 180, 270), "given", (), "poor"),
+        (around(0, 120, 240), "given", (), "not fit to be shown"),
     ],
 )
 def test_the_tier_is_that_of_cameras_mattes_and_faults(

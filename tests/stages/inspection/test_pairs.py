@@ -24,9 +24,9 @@ PAIRS = {
     "22.5": (on(0, 22.5), 819.2, {"ok"}),
     "45": (on(0, 45), 819.2, {"ok"}),
     "60": (on(0, 60), 819.2, {"ok"}),
-    "67.5": (on(0, 67.5), 819.2, {"too wide"}),
-    "72": (on(0, 72), 819.2, {"too wide"}),
-    "90": (on(0, 90), 819.2, {"too wide"}),
+    "67.5": (on(0, 67.5), 819.2, {"ok"}),
+    "72": (on(0, 72), 819.2, {"ok"}),
+    "90": (on(0, 90), 819.2, {"ok"}),
     "120": (on(0, 120), 819.2, {"too wide"}),
     "150": (on(0, 150), 819.2, {"too wide"}),
     "180": (on(0, 180), 819.2, {"too wide"}),
@@ -118,7 +118,7 @@ def test_cameras_without_partner_count_and_a_pair_that_is_refused_is_a_note() ->
         FindingVerdict.NOTE,
         FindingVerdict.NOTE,
     ]
-    half = planned(rig_of(on(0, 30, 180, 270)))
+    half = planned(rig_of(on(0, 20, 130, 250)))
     assert of(findings(half), "partners").verdict is FindingVerdict.BAD
     apart = findings(planned(RIGS["far apart"]))
     assert {of(apart, "partners").verdict, of(apart, "neighbours").verdict} == {FindingVerdict.BAD}

@@ -13,6 +13,8 @@ from posegaussian.dags.runtime.events import EffectsDecided
 from posegaussian.stages.contract.facts import JOINTS2D, SEGMENTED, Facts
 from posegaussian.stages.contract.io import Views
 from posegaussian.stages.contract.judged import DEPTH, GIVEN_MATTE, PERSON_MATTE
+from posegaussian.stages.depth.choice import tried
+from posegaussian.stages.depth.methods.registry import BY_PICTURES
 from posegaussian.stages.judge import footage
 from posegaussian.stages.judge import run as judge
 from posegaussian.stages.judge.body import body_facts
@@ -63,7 +65,9 @@ def test_a_capture_without_masks_is_judged(plain: tuple[Pipeline, list, Frames, 
     assert any(s.startswith("depth.method: left-out source views") for s in told)
     plan = p.plan()
     assert plan.all_fresh
-    assert (plan.context.noted[DEPTH][:3] >= 0).all()
+    asked = [m in tried(plan.context.rig, range(4)) for m in BY_PICTURES]
+    assert any(asked)
+    np.testing.assert_array_equal((plan.context.noted[DEPTH][:3] >= 0).all(axis=-1), [asked] * 3)
 
 
 def test_inspection_says_what_was_measured_and_else_how_to(

@@ -262,10 +262,10 @@ def test_the_rim_of_a_sphere_is_continued() -> None:
 
 
 def test_an_unmatched_frame_is_the_hull() -> None:
-    c = replace(capture_person(views=4, size=48, frames=1, held_out=0))
+    c = replace(capture_person(views=3, size=48, frames=1, held_out=0))
     params = DepthParams(method="sweep")
     maps = sweep_hull(
-        Geometry.of(c.rig, tuple(range(4)), params),
+        Geometry.of(c.rig, tuple(range(3)), params),
         Frame(dict(enumerate(c.color[0])), dict(enumerate(c.mask[0]))),
         params,
     )

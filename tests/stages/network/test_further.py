@@ -180,12 +180,13 @@ def test_correlation_with_the_third_view_is_best_at_the_true_depth(
 def test_a_mirrored_order_of_the_cameras_takes_the_same_third() -> None:
     rig = ring(8, (256, 256), 300.0)
     pair = rectify(rig, 0, 1, np.zeros(3))
-    found = candidates(rig, pair, pair_report(rig))
+    found = candidates(rig, pair, pair_report(rig, None, 66.0))
     assert set(found) == {7, 2}  # the others are 90 degrees away and more
     order = [5, 2, 0, 7, 1, 3, 4, 6]
     turned = rig.subset(order)
     for a, b in ((0, 1), (1, 0)):
-        again = candidates(turned, rectify(turned, order.index(a), order.index(b), np.zeros(3)), pair_report(turned))
+        other_way = rectify(turned, order.index(a), order.index(b), np.zeros(3))
+        again = candidates(turned, other_way, pair_report(turned, None, 66.0))
         assert tuple(order[v] for v in again) == found
 
 

@@ -1,4 +1,4 @@
-"""Views with a single partner: where their first search looks, and how what it leaves open is filled.
+"""Views with few partners: where their first search looks, and how what it leaves open is filled.
 
 The hull of such a view is mostly the partner's silhouette where few others carve it, and its sides run along the
 partner's rays: windows that follow them collapse to a column in the partner's picture. There they follow a plane
@@ -6,7 +6,9 @@ instead that faces both cameras alike.
 What one camera of a pair sees and the other does not, nobody else sees either, and it belongs to the nearer or to the
 farther of its surroundings. Joints tell which: a gap lies on the limb that its rays meet, as far off its capsule as was
 measured elsewhere on that limb; and they allow the whole of the hull to be searched, in whose back phantoms lie, since
-no surface is far behind a limb's bone.
+no surface is far behind a limb's bone. A partner farther than `NARROW` away leaves as much open as none.
+Of a view without any partner nothing is measured. Its hull's surface is the nearest that the subject can be: limbs
+behind it tell where it is.
 """
 
 from __future__ import annotations
@@ -16,7 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from posegaussian.stages.depth.algorithms.pose_prior import first_met
-from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, Maps
+from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, Maps, surfaces
+from posegaussian.stages.geometry.pairs import NARROW
 from posegaussian.stages.geometry.projection import pixel_centres, rays
 from posegaussian.stages.matching.bounds import Bounds, within_hull
 from posegaussian.stages.matching.fuse import complete
@@ -46,11 +49,11 @@ class Limbs:
     """Metres of the first limb's core on each ray, 0 where it meets none."""
 
 
-def with_single_partner(geometry: Geometry, frame: Frame, hulls: Maps) -> dict[int, Limbs | None]:
-    """Of the views with a single partner: what their limbs say, None where no joints are known."""
+def with_few_partners(geometry: Geometry, frame: Frame, hulls: Maps) -> dict[int, Limbs | None]:
+    """Of the views with at most one partner within `NARROW`: what their limbs say, None where no joints are known."""
     found: dict[int, Limbs | None] = {}
     for v in geometry.views:
-        if len(geometry.neighbours[v].views) == 1:
+        if geometry.neighbours[v].views and sum(angle <= NARROW for angle in geometry.partner_angles(v)) <= 1:
             found[v] = _limbs(geometry, v, hulls[v][0] > 0, frame.flesh) if len(frame.flesh) else None
     return found
 
@@ -61,15 +64,15 @@ def _limbs(geometry: Geometry, view: int, wanted: np.ndarray, flesh: np.ndarray)
 
 
 def searched(
-    geometry: Geometry, view: int, hull: tuple[np.ndarray, np.ndarray], in_front: float, single: dict[int, Limbs | None]
+    geometry: Geometry, view: int, hull: tuple[np.ndarray, np.ndarray], in_front: float, few: dict[int, Limbs | None]
 ) -> tuple[Bounds, tuple[np.ndarray, np.ndarray]]:
     """Where the first search of a view looks, and the nearest and farthest depth [h, w] of all; `in_front` as of
-    `within_hull`, `single` as of `with_single_partner`."""
+    `within_hull`, `few` as of `with_few_partners`."""
     (near, far), bounds = hull, within_hull(*hull, in_front)
-    if view not in single:
+    if view not in few:
         return bounds, (bounds.near, far)
-    few, limbs = len(geometry.views) <= FEW, single[view]
-    guide = np.where(near > 0, _facing(geometry, view), 0).astype(np.float32) if few else bounds.guide
+    limbs, carved_by_few = few[view], len(geometry.views) <= FEW
+    guide = np.where(near > 0, _facing(geometry, view), 0).astype(np.float32) if carved_by_few else bounds.guide
     if limbs is None:
         return Bounds(guide, bounds.near, bounds.far), (bounds.near, far)
     last = np.where(limbs.core > 0, np.clip(limbs.core + OWN, near, far), far).astype(np.float32)
@@ -77,7 +80,7 @@ def searched(
 
 
 def _facing(geometry: Geometry, view: int) -> np.ndarray:
-    """[h, w] depth of the plane through the subject that a view and its partner see at the same angle."""
+    """[h, w] depth of the plane through the subject that faces a view and its partners alike."""
     rig, centre = geometry.rig, geometry.centre
     towards = rig.centres[[view, *geometry.neighbours[view].views]] - centre
     normal = (towards / np.linalg.norm(towards, axis=1, keepdims=True)).sum(axis=0)
@@ -86,6 +89,19 @@ def _facing(geometry: Geometry, view: int) -> np.ndarray:
     slope, distance = directions @ normal, geometry.distance(view)
     depth = (centre - origin) @ normal / np.where(np.abs(slope) < 1e-6, 1e-6, slope)
     return np.clip(np.where(depth > 0, depth, np.inf), distance / FARTHEST, distance * FARTHEST)
+
+
+def unmatched(geometry: Geometry, hulls: Maps, flesh: np.ndarray) -> dict[int, np.ndarray]:
+    """Depth [h, w] by view of what nothing was matched of: the hull's rounded surface; of a view without a partner the
+    limbs behind it, beyond whose outlines the nearest one of the picture."""
+    out = surfaces(geometry, hulls)
+    for v in geometry.views:
+        if len(flesh) and not geometry.neighbours[v].views:
+            limbs = _limbs(geometry, v, hulls[v][0] > 0, flesh)
+            near, far = hulls[v]
+            on = np.clip(extend(limbs.depth, limbs.depth > 0), near, far)
+            out[v] = np.where(near > 0, np.maximum(on, out[v]), out[v]).astype(np.float32)
+    return out
 
 
 def completed(

@@ -1,4 +1,4 @@
-"""Views with a single partner: what their first search follows, and what fills the gaps it leaves."""
+"""Views with few partners: what their first search follows, and what fills the gaps it leaves."""
 
 from __future__ import annotations
 
@@ -7,11 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from posegaussian.stages.depth.algorithms.few_partners import (
+    OWN,
+    Limbs,
+    completed,
+    searched,
+    unmatched,
+    with_few_partners,
+)
 from posegaussian.stages.depth.algorithms.pose_prior import FOOT, MARGIN, first_met, flesh_of, limbs_of
-from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, hulls
-from posegaussian.stages.depth.algorithms.single_partner import OWN, Limbs, completed, searched, with_single_partner
+from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, hulls, surfaces
 from posegaussian.stages.depth.params import DepthParams
 from posegaussian.stages.depth.stage import STAGE
+from posegaussian.stages.geometry.pairs import MAX_ANGLE
 from posegaussian.stages.geometry.projection import rays, unproject
 from posegaussian.stages.matching.fuse import complete
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
@@ -21,6 +29,8 @@ from tests.support.memory_inputs import run_stage
 
 PAIR = (0, 1)
 """Neighbours of a ring of eight, 45 degrees apart."""
+SQUARE = (0, 2, 4, 6)
+"""Every other camera of it, 90 degrees apart."""
 
 
 @pytest.fixture(scope="module")
@@ -34,16 +44,42 @@ def frame_of(c: PersonCapture, views: tuple[int, ...], joints: bool = True) -> F
     return Frame({v: c.color[0, v] for v in views}, masks, limbs_of(known), flesh_of(known))
 
 
-def geometry_of(c: PersonCapture, views: tuple[int, ...]) -> Geometry:
-    return Geometry.of(c.rig, views, DepthParams(method="sweep"))
+def geometry_of(c: PersonCapture, views: tuple[int, ...], max_angle: float = MAX_ANGLE) -> Geometry:
+    return Geometry.of(c.rig, views, DepthParams(method="sweep", max_angle=max_angle))
 
 
-@pytest.mark.parametrize(("views", "single"), [((0, 1), {0, 1}), ((0, 1, 2), {0, 2}), (tuple(range(8)), set())])
-def test_only_views_that_are_compared_with_one_other_are_meant(
-    kick: PersonCapture, views: tuple[int, ...], single: set[int]
+@pytest.mark.parametrize(
+    ("views", "few"),
+    [((0, 1), {0, 1}), ((0, 1, 2), {0, 2}), (tuple(range(8)), set()), (SQUARE, set(SQUARE)), ((0, 4), set())],
+)
+def test_views_are_meant_that_are_compared_but_not_with_two_others_near_by(
+    kick: PersonCapture, views: tuple[int, ...], few: set[int]
 ) -> None:
+    """Of three neighbours the outer two have a second partner 90 degrees away; two that face each other none."""
     geometry, frame = geometry_of(kick, views), frame_of(kick, views)
-    assert set(with_single_partner(geometry, frame, hulls(geometry, frame))) == single
+    assert set(with_few_partners(geometry, frame, hulls(geometry, frame))) == few
+
+
+def test_a_view_without_a_partner_lies_on_the_limbs_behind_its_hulls_surface(kick: PersonCapture) -> None:
+    """Where joints are known; a hull of four silhouettes lies in front of what it holds."""
+    geometry, frame = geometry_of(kick, SQUARE, max_angle=40.0), frame_of(kick, SQUARE)
+    found = hulls(geometry, frame)
+    assert with_few_partners(geometry, frame, found) == {}
+    surface, on = surfaces(geometry, found), unmatched(geometry, found, frame.flesh)
+    off: dict[str, list[np.ndarray]] = {"surface": [], "limbs": []}
+    for v, (near, far) in found.items():
+        inside, seen = near > 0, (kick.depth[0, v] > 0) & (near > 0)
+        assert (on[v] >= surface[v])[inside].all()
+        assert (on[v] <= np.maximum(far, surface[v]))[inside].all()
+        np.testing.assert_array_equal(on[v] > 0, surface[v] > 0)
+        off["surface"].append(np.abs(surface[v] - kick.depth[0, v])[seen])
+        off["limbs"].append(np.abs(on[v] - kick.depth[0, v])[seen])
+    assert np.concatenate(off["limbs"]).mean() < 0.6 * np.concatenate(off["surface"]).mean()
+    for v, depth in unmatched(geometry, found, np.zeros((0, 7))).items():
+        np.testing.assert_array_equal(depth, surface[v])
+    served = geometry_of(kick, SQUARE)
+    for v, depth in unmatched(served, found, frame.flesh).items():
+        np.testing.assert_array_equal(depth, surface[v])
 
 
 def test_windows_follow_a_plane_through_the_subject_that_both_cameras_see_at_the_same_angle(
@@ -53,7 +89,7 @@ def test_windows_follow_a_plane_through_the_subject_that_both_cameras_see_at_the
     geometry, frame = geometry_of(kick, PAIR), frame_of(kick, PAIR)
     found = hulls(geometry, frame)
     for v in PAIR:
-        bounds, _ = searched(geometry, v, found[v], 0.0, with_single_partner(geometry, frame, found))
+        bounds, _ = searched(geometry, v, found[v], 0.0, with_few_partners(geometry, frame, found))
         inside = bounds.guide > 0
         np.testing.assert_array_equal(inside, found[v][0] > 0)
         points = unproject(bounds.guide, kick.rig.intrinsics[v], kick.rig.world_to_camera[v])[inside]
@@ -70,7 +106,7 @@ def test_windows_follow_a_hull_that_many_views_carve(kick: PersonCapture) -> Non
     views = (0, 1, 4, 5)
     geometry, frame = geometry_of(kick, views), frame_of(kick, views)
     found = hulls(geometry, frame)
-    single = with_single_partner(geometry, frame, found)
+    single = with_few_partners(geometry, frame, found)
     assert set(single) == set(views)
     for v in views:
         bounds, _ = searched(geometry, v, found[v], 0.0, single)
@@ -81,7 +117,7 @@ def test_the_search_ends_behind_the_front_of_bones_and_nowhere_outside_the_hull(
     geometry, frame = geometry_of(kick, PAIR), frame_of(kick, PAIR)
     found = hulls(geometry, frame)
     for v, (near, far) in found.items():
-        single = with_single_partner(geometry, frame, found)
+        single = with_few_partners(geometry, frame, found)
         limbs = single[v]
         assert limbs is not None
         bounds, limits = searched(geometry, v, found[v], 0.0, single)
@@ -94,7 +130,7 @@ def test_the_search_ends_behind_the_front_of_bones_and_nowhere_outside_the_hull(
         seen = (kick.depth[0, v] > 0) & (near > 0)
         shut_out = (kick.depth[0, v] > bounds.far + 1e-3) & seen
         assert shut_out.sum() <= 0.01 * seen.sum(), "what the view sees lies within what is searched"
-    free = with_single_partner(geometry, frame_of(kick, PAIR, joints=False), found)
+    free = with_few_partners(geometry, frame_of(kick, PAIR, joints=False), found)
     assert free == {0: None, 1: None}
 
 
@@ -170,24 +206,32 @@ def test_the_first_capsule_on_a_ray_is_met(kick: PersonCapture) -> None:
     assert set(np.unique(which)) == {-1, 0, 1}
 
 
+def wrong(c: PersonCapture, views: tuple[int, ...], params: DepthParams, joints: np.ndarray) -> float:
+    """Share of the surface that is off by more than 5 cm."""
+    arrays = {"frames/color": c.color, "frames/mask": c.mask, "pose/joints3d": joints.astype(np.float32)}
+    found = run_stage(
+        STAGE,
+        params,
+        arrays,
+        c.rig,
+        replace(c.views, sources=views),
+        1,
+        None,
+        effects=frozenset({"left_right_check", "limb_bounds"}),
+    )["depth/depth"][0, list(views)]
+    surface = (c.mask[0, list(views)] > 127) & (c.depth[0, list(views)] > 0)
+    return float((np.abs(found - c.depth[0, list(views)]) > 0.05)[surface].mean())
+
+
 @pytest.mark.parametrize("method", ["sweep", "sgbm"])
 def test_joints_put_limbs_where_they_are_that_one_camera_of_two_sees(kick: PersonCapture, method: str) -> None:
-    """Surface that is off by more than 5 cm, of two cameras 45 degrees apart."""
+    params, unknown = DepthParams(method=method), kick.joints3d * [1, 1, 1, 0]
+    assert wrong(kick, PAIR, params, kick.joints3d) < 0.6 * wrong(kick, PAIR, params, unknown)
 
-    def wrong(joints: np.ndarray) -> float:
-        arrays = {"frames/color": kick.color, "frames/mask": kick.mask, "pose/joints3d": joints.astype(np.float32)}
-        found = run_stage(
-            STAGE,
-            DepthParams(method=method),
-            arrays,
-            kick.rig,
-            replace(kick.views, sources=PAIR),
-            1,
-            None,
-            effects=frozenset({"left_right_check", "limb_bounds"}),
-        )["depth/depth"][0, list(PAIR)]
-        surface = (kick.mask[0, list(PAIR)] > 127) & (kick.depth[0, list(PAIR)] > 0)
-        return float((np.abs(found - kick.depth[0, list(PAIR)]) > 0.05)[surface].mean())
 
+def test_four_cameras_around_are_compared(kick: PersonCapture) -> None:
+    """Each with the two 90 degrees away. Where they are not, and joints are unknown, a hull of four silhouettes is all
+    there is; joints alone would do for this person, who is made of limbs."""
     unknown = kick.joints3d * [1, 1, 1, 0]
-    assert wrong(kick.joints3d) < 0.6 * wrong(unknown)
+    compared, apart = (wrong(kick, SQUARE, DepthParams(method="sweep", max_angle=a), unknown) for a in (105, 66))
+    assert compared < 0.8 * apart
