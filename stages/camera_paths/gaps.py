@@ -27,7 +27,8 @@ STANDING = ("held_out", "still")
 
 
 def gap_notes(rig: Rig, sources: Sequence[int], max_angle: float, paths: Mapping[str, CameraPath]) -> list[str]:
-    """Sentences for the plan on paths that go where no two source cameras that depth can match stand on either side.
+    """Sentences for the plan on paths that go where no two source cameras that depth can match, and that stand within
+    `SHOWN` degrees, lie on either side.
 
     `rig` holds the cameras of the frames grid, `max_angle` is in degrees. A single source camera has no sides: what it
     shows is told by `cone_notes`.
@@ -100,7 +101,10 @@ def _instead(rig: Rig, reports: Mapping[tuple[int, int], PairReport], gaps: Sequ
     matched with."""
     usable = sorted((r for r in reports.values() if r.usable), key=lambda r: r.angle)
     if not usable:
-        return "No two cameras can be matched: --path sway stays near one, and a camera in the gap would close it"
+        return (
+            "No two that can be matched stand that near: --path sway stays near one, and a camera in the gap would"
+            " close it"
+        )
     partners = [next((r.views for r in usable if v in r.views), None) for gap in gaps for v in gap]
     named = [(shlex.quote(rig.names[p[0]]), shlex.quote(rig.names[p[1]])) for p in partners if p is not None]
     arcs = dict.fromkeys(shlex.quote(f"arc {a} {b}") for a, b in named)

@@ -18,7 +18,7 @@ import numpy as np
 from posegaussian.stages.camera_paths.path_file import read_path_file
 from posegaussian.stages.camera_paths.stretch import Stretch, around, best_stretch, directions
 from posegaussian.stages.contract.io import Views
-from posegaussian.stages.geometry.pairs import MAX_ANGLE
+from posegaussian.stages.geometry.pairs import MAX_ANGLE, SHOWN
 from posegaussian.stages.geometry.subject import look_at_point, middle_rays, up_direction
 from posegaussian.storage.model.cameras import CameraPath, Rig, rigid, rotation_matrix
 from posegaussian.storage.model.errors import CalibrationError, UserError
@@ -174,14 +174,14 @@ def _side_by_side(rig: Rig, views: Views, frames: int, max_angle: float) -> Came
     All the way around where they do, at even speed, the last frame one step short of the first; else from one end of
     the stretch to the other and back, slowly at the ends; up and down past cameras above each other. Height, distance
     and focal length go from camera to camera without a kink, and never beyond both. Raises UserError where no two
-    source cameras can be matched.
+    source cameras that stand near enough can be matched.
     """
     stretch = best_stretch(rig, views.sources, max_angle)
     if stretch is None:
         raise UserError(
             f"camera path 'between': no two of the source cameras {', '.join(rig.names[v] for v in views.sources)} can"
-            " be matched (see `posegaussian inspect`), so nothing lies between;"
-            " render sway, orbit, arc, still or a .json file"
+            f" be matched within {min(max_angle, SHOWN):g} degrees (see `posegaussian inspect`), so nothing lies"
+            " between; render sway, orbit, arc, still or a .json file"
         )
     steps = frames if frames > 1 else STEPS
     phase = np.arange(steps) / steps

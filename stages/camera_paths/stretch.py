@@ -70,7 +70,7 @@ class _Chain:
 
 def best_stretch(rig: Rig, sources: Sequence[int], max_angle: float = MAX_ANGLE) -> Stretch | None:
     """The stretch of the largest group of source cameras, at equal size that with the narrowest gaps; None where no two
-    can be matched.
+    that can be matched stand near enough.
 
     Groups are what usable pairs within `SHOWN` degrees (`posegaussian.stages.geometry.pairs`) hold together. Within one
     the stretch goes all the way around where it can, else as far as it can, and by the sum of squared steps in azimuth
@@ -97,8 +97,9 @@ def stretch_notes(rig: Rig, sources: Sequence[int], max_angle: float, paths: Map
         return []
     order = " - ".join(rig.names[v] for v in stretch.views)
     return [
-        f"camera path {p} stays where pictures lie between two cameras that depth can match, {order}; it does not pass"
-        f" {', '.join(beside)} (for these: --path orbit, or 'arc CAM_A CAM_B')"
+        f"camera path {p} stays where pictures lie between two cameras that depth can match within"
+        f" {min(max_angle, SHOWN):g} degrees, {order}; it does not pass {', '.join(beside)} (for these: --path orbit,"
+        " or 'arc CAM_A CAM_B')"
         for p in passed
     ]
 

@@ -199,7 +199,7 @@ def expected(planned: Planned, findings: Sequence[Finding]) -> str:
             else (
                 f"between {planned.rig.names[planned.stretch.views[0]]} and"
                 f" {planned.rig.names[planned.stretch.views[-1]]}, {planned.stretch.span:.0f} of 360 degrees; elsewhere"
-                " the hull alone"
+                " less"
             )
         )
     )

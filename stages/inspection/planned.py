@@ -114,7 +114,7 @@ class Planned:
 
     @cached_property
     def stretch(self) -> Stretch | None:
-        """Where pictures lie between two cameras that can be matched."""
+        """Where pictures lie between two cameras that can be matched and stand near enough."""
         return best_stretch(self.rig, self.sources, self.depth.max_angle)
 
     @cached_property

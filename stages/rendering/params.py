@@ -17,7 +17,7 @@ class RenderingParams(Params):
         None,
         'Camera paths to render: "between", "held_out", "orbit", "arc CAM_A CAM_B", "still CAM", "sway [CAM'
         ' [DEGREES]]", or a JSON file of cameras. null: held_out where there are held-out cameras, else between the'
-        " source cameras that stand side by side, or sway where no two can be matched.",
+        " source cameras that stand side by side, or sway where no two within 75 degrees can be matched.",
         volatile=True,
     )
     sources: int = setting(

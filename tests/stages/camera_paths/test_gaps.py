@@ -78,7 +78,7 @@ def test_where_nobody_stands_and_where_nothing_is_matched() -> None:
     (note,) = told(ring(4), "orbit")
     assert "between cam2 and cam3 (89 degrees) and 1 more;" in note
     assert note.endswith(
-        "No two cameras can be matched: --path sway stays near one, and a camera in the gap would close it"
+        "No two that can be matched stand that near: --path sway stays near one, and a camera in the gap would close it"
     )
 
 
