@@ -31,15 +31,22 @@ class Plate:
     """A background plate against one picture: log density of every pixel's colour, were it background."""
 
     def __init__(
-        self, picture: np.ndarray, plate: np.ndarray, spread: np.ndarray, threshold: float, outside: np.ndarray
+        self,
+        picture: np.ndarray,
+        plate: np.ndarray,
+        spread: np.ndarray,
+        threshold: float,
+        outside: np.ndarray,
+        shadow: np.ndarray,
     ) -> None:
         """picture, plate [h, w, 3] uint8; spread [h, w] uint8; outside [h, w] bool: surely background, by which the
-        plate is judged."""
+        plate is judged; shadow [h, w] float32: log density of its colour, were it ground in a shadow."""
         distance = plate_distance(picture, plate, threshold)
         width = SPREAD + SPREAD_GAIN * spread.astype(np.float32)
         self.known = spread < UNSEEN
         """[h, w] bool: where the background was seen."""
-        self.density = _or_anything(-0.5 * np.square(distance / width) - 3 * np.log(width), 2.0)
+        seen = _or_anything(-0.5 * np.square(distance / width) - 3 * np.log(width), 2.0)
+        self.density = np.logaddexp(seen, shadow)
         """[h, w] float32, up to the constant of a Gaussian."""
         judged = outside & self.known
         changed = float((distance[judged] > threshold + SPREAD_GAIN * spread[judged]).mean()) if judged.any() else 0.0

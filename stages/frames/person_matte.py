@@ -14,6 +14,7 @@ import numpy as np
 
 from posegaussian.stages.frames.body import body_shape, limb_bones, pixels_per_metre
 from posegaussian.stages.frames.color_likelihood import Plate, color_odds
+from posegaussian.stages.frames.ground_shadow import shadow_density
 from posegaussian.stages.frames.other_people import Others
 from posegaussian.stages.frames.plate_matte import UNSEEN
 from posegaussian.stages.geometry.subject import STATURE
@@ -45,9 +46,15 @@ HULL = 2.0
 """Log odds, without a segmentation, against what joints say where the other views do not confirm it."""
 HANDS = ("Wrist", "Pinky", "Index", "Thumb", "Hand")
 """Joints of a hand, without their side."""
-HOLDING, MAY_HOLD = 0.35, -1.5
-"""Metres about the joints of a hand in which what it holds may lie, and the least log odds there before a plate has
-spoken, whatever the segmentation says."""
+HOLDING, MAY_HOLD, HELD_UNSEEN = 0.35, -1.5, -3.0
+"""Metres about the joints of a hand in which what it holds may lie; the least log odds there before a plate has spoken,
+whatever the segmentation says; and the most where the other views' segmentations rule the subject out, which count a
+helmet to nobody in any view. With -1.5 pieces of wall beside the board of `desk` come in."""
+FEET = ("Ankle", "Heel", "FootIndex", "BigToe", "SmallToe")
+"""Joints of a foot, without their side."""
+STANDING = 0.25
+"""Metres about the joints of a foot within which the ground is in its shadow, which a segmentation often counts to the
+foot."""
 FAINT = 0.15
 """Segmentation from which on the subject may be there."""
 SMALLEST_PART, SMALLEST_HOLE = 0.005, 0.0005
@@ -88,7 +95,7 @@ def person_matte(
     """
     scale = _scale(known)
     size = (picture.shape[1], picture.shape[0])
-    hands = _about_hands(known, size, HOLDING * scale) & (
+    hands = _about(known, HANDS, size, HOLDING * scale) & (
         plate[1] < UNSEEN if plate is not None and known.alone else False
     )
     prior = _prior(known, hands, scale, margin * scale / METRE_OF_SIDE) if scale > 0 else None
@@ -97,17 +104,13 @@ def person_matte(
     box = part_around(prior > RULED_OUT / 2, round(0.5 * WINDOW * scale) + 2)
     prior, shown = np.ascontiguousarray(prior[box]), np.ascontiguousarray(picture[box])
     side, radius = max(5, round(WINDOW * scale)) | 1, max(1, round(EDGE * scale))
-    against = (
-        None
-        if plate is None
-        else Plate(
-            shown,
-            np.ascontiguousarray(plate[0][box]),
-            np.ascontiguousarray(plate[1][box]),
-            threshold,
-            prior <= RULED_OUT / 2,
-        )
-    )
+    against = None
+    if plate is not None:
+        ground, spread = (np.ascontiguousarray(a[box]) for a in plate)
+        # Without a segmentation feet are where their joints are, and shoes as dark as a shadow would be lost.
+        grounded = _about(known, FEET, size, STANDING * scale)[box] & (known.hint is not None)
+        shadow = shadow_density(shown, ground, spread, grounded, prior)
+        against = Plate(shown, ground, spread, threshold, prior <= RULED_OUT / 2, shadow)
     smooth = cv2.GaussianBlur(shown, (0, 0), 0.7).astype(np.float32)
     odds = prior
     for _ in range(ROUNDS):
@@ -116,7 +119,7 @@ def person_matte(
     out = np.zeros(picture.shape[:2], np.uint8)
     mask = _clean(odds > 0, prior > 0)
     if known.hint is not None and plate is not None:
-        mask &= ~_ghosts(mask, hands[box] & (prior <= MAY_HOLD), shown, np.ascontiguousarray(plate[0][box]))
+        mask &= ~_ghosts(mask, hands[box] & (prior <= MAY_HOLD), shown, ground)
         mask |= _holes_in_things(mask, hands[box] & (prior <= 0))
     out[box] = _soft_edge(shown, mask)
     return out
@@ -165,16 +168,18 @@ def _prior(known: Known, hands: np.ndarray, scale: float, reach: float) -> np.nd
         return None
     if known.possible is not None:
         # Joints are triangulated: where they are, other views saw the subject, whatever their segmentation says.
-        prior = np.where((known.possible < 0.5) & ~body, RULED_OUT, prior)
+        ruled_out = np.where(hands, np.minimum(prior, HELD_UNSEEN), RULED_OUT)
+        prior = np.where((known.possible < 0.5) & ~body, ruled_out, prior)
     prior = np.where(others, RULED_OUT, prior)
     return prior.astype(np.float32)
 
 
-def _about_hands(known: Known, size: tuple[int, int], reach: float) -> np.ndarray:
-    """[h, w] bool: pixels of a picture of `size` (width, height) that lie at most `reach` px from a hand."""
+def _about(known: Known, joints: tuple[str, ...], size: tuple[int, int], reach: float) -> np.ndarray:
+    """[h, w] bool: pixels of a picture of `size` (width, height) that lie at most `reach` px from one of the joints,
+    named without their side."""
     out = np.zeros((size[1], size[0]), np.uint8)
     for name, (u, v, score) in zip(joint_set(known.joint_set).names, known.joints, strict=True):
-        if score > 0 and name[1:] in HANDS and np.abs([u, v]).max() < 4 * max(size):
+        if score > 0 and name[1:] in joints and np.abs([u, v]).max() < 4 * max(size):
             cv2.circle(out, (round(u), round(v)), round(reach), 1, -1)
     return out > 0
 
