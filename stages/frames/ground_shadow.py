@@ -18,9 +18,9 @@ With 4 or 9 as many pixels are wrong."""
 ALIKE = 2.0
 """Standard deviations within which a colour is that of a shadow."""
 OUTSIDE, BEYOND = -1.0, 0.4
-"""Log odds of the subject below which a pixel counts to nobody, and share of a shadow that must. Of two people in a
-room of the simulator, whose floor has no shadows, 0.6 % of the masks are lost, most of it soles, where none must, 0.12
-% with 0.2 and 0.003 % with 0.4; of shadows under two other people 0.05 % more stay in."""
+"""Log odds of the subject below which a pixel counts to nobody, and share of a shadow that must. Of a person in the
+simulator's room, whose floor has no shadows, 0.6 % of the masks are lost, most of it soles, where a single pixel must,
+0.12 % with 0.2 and 0.003 % with 0.4; of shadows under two other people 0.05 % of the masks more stay in."""
 
 
 def shadow_density(
