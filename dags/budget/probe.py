@@ -141,7 +141,8 @@ class Probe:
         from posegaussian.dags.runtime.executors.inline_run import run_here
 
         plan = make_plan(context, selection)
-        run_here(plan, selection, self.session.configuration.default.run.threads, workers=self.backend)
+        run = self.session.configuration.default.run
+        run_here(plan, selection, run.threads, workers=self.backend, say=self.session.say_line)
         return plan
 
     def clean(self) -> None:

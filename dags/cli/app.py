@@ -28,6 +28,7 @@ from posegaussian.dags.cli.results import effects, export, tradeoff
 from posegaussian.dags.cli.run import plan, run, status, why
 from posegaussian.dags.cli.sequences import ImportCommand, demo, import_capture, scans, simulate
 from posegaussian.dags.cli.train import train
+from posegaussian.dags.runtime.signals import sigterm_as_ctrl_c
 from posegaussian.storage.files.write import FULL
 from posegaussian.storage.model.errors import UserError
 
@@ -85,6 +86,7 @@ app.command()(doctor)
 
 def main() -> None:
     """Entry point: errors the user can mend are printed as sentences, without a traceback."""
+    sigterm_as_ctrl_c()
     try:
         app()
     except UserError as e:
@@ -104,9 +106,6 @@ def main() -> None:
         if e.filename is None:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(2)
-    except KeyboardInterrupt:
-        errors.print("interrupted; what is done is kept, the next run goes on from here")
-        sys.exit(130)
 
 
 if __name__ == "__main__":

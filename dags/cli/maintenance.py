@@ -33,18 +33,18 @@ def verify(
         ),
     ] = False,
 ) -> None:
-    """Read everything again and compare it with its receipts: sizes, checksums, decoded contents.
+    """Read everything again and compare it with its receipts: sizes, checksums, decoded contents; and source files with
+    what was imported.
 
     Example: posegaussian verify --sequence balance --repair
     """
     from posegaussian.dags.maintenance.verify import verify as read_again
 
     session = open_session(config, assignments, archive)
-    broken = read_again(session, session.names(sequence or ()), repair)
+    done = read_again(session, session.names(sequence or ()), repair)
     named = [word for glob in sequence or () for word in ("--sequence", glob)]
-    following = ["status"] if not broken else ["run"] if repair else ["verify", "--repair"]
-    say([next_command(*following, *named, *session.options)])
-    raise typer.Exit(broken)
+    say([next_command(*done.following, *named, *session.options)])
+    raise typer.Exit(done.status)
 
 
 def gc(

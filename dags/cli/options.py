@@ -14,6 +14,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from posegaussian.dags.humanize.text import Voice
 from posegaussian.dags.planning.selection import Selection
+from posegaussian.dags.runtime.signals import STATUS as INTERRUPTED
 from posegaussian.dags.session.session import Session
 from posegaussian.storage.model.errors import ConfigError
 from posegaussian.storage.model.home import word_at_home
@@ -23,11 +24,20 @@ errors = Console(stderr=True, highlight=False)
 
 
 class Commands(TyperGroup):
-    """The commands, in whose words `~` is the home folder even where quotes kept it from the shell."""
+    """The commands, in whose words `~` is the home folder even where quotes kept it from the shell, and which say that
+    they were interrupted."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """The words for the command that is named."""
         return super().parse_args(ctx, [word_at_home(a) for a in args])
+
+    def invoke(self, ctx: Any) -> Any:
+        """Do what the command does: here because Typer ends at a KeyboardInterrupt without a word."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            errors.print("interrupted; what is done is kept, the next run goes on from here")
+            raise typer.Exit(INTERRUPTED) from None
 
 
 class OfSequences(TyperCommand):

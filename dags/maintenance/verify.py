@@ -1,19 +1,22 @@
-"""`posegaussian verify`: say what in an archive is not as its receipts promise, and have it made anew."""
+"""`posegaussian verify`: say what in an archive is not as its receipts promise, and have it made anew; and which source
+files are not what was imported."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from posegaussian.dags.humanize.text import number
 from posegaussian.dags.planning.tasks import Task
 from posegaussian.dags.session.session import Session
+from posegaussian.stages.registry import STAGES
 from posegaussian.storage.archive import ledger
 from posegaussian.storage.archive.integrity import (
     ARRAY_BROKEN,
     FOREIGN_RECEIPT,
-    GIVEN,
     LEFT_OVER,
     RECEIPT_UNREADABLE,
+    SOURCE_CHANGED,
     Count,
     Fault,
     faults,
@@ -24,10 +27,18 @@ from posegaussian.storage.archive.store import SequenceGroup
 from posegaussian.storage.model.errors import ArchiveError, LeaseHeld
 
 
-def verify(session: Session, names: Sequence[str], mend: bool) -> int:
-    """Read everything again, print every fault, and with `mend` mark it for the next run; returns the exit status, 1
-    where there is any."""
-    told, broken = ledger.faults(session.archive), 0
+class Verified(NamedTuple):
+    """What came of it."""
+
+    status: int
+    """Exit status: 1 where there is any fault."""
+    following: tuple[str, ...]
+    """The next useful command: no run while a source file is not what was imported, it would read it as it is."""
+
+
+def verify(session: Session, names: Sequence[str], mend: bool) -> Verified:
+    """Read everything again, source files too, print every fault, and with `mend` mark it for the next run."""
+    told, broken, foreign = ledger.faults(session.archive), 0, 0
     for sentence in told:
         if mend:
             ledger.rebuild(session.archive)
@@ -35,11 +46,12 @@ def verify(session: Session, names: Sequence[str], mend: bool) -> int:
     for name in names:
         try:
             sequence = session.archive.sequence(name)
-            broken += _sequence(session, sequence, mend)
+            found, theirs = _sequence(session, sequence, mend)
+            broken, foreign = broken + found, foreign + theirs
         except ArchiveError as e:
             session.say([f"{name}: {e}"], "red")
             broken += 1
-    if broken:
+    if broken > foreign:
         session.say(
             [
                 (
@@ -49,20 +61,38 @@ def verify(session: Session, names: Sequence[str], mend: bool) -> int:
                 )
             ]
         )
-    return 1 if broken or told else 0
+    if not broken and not told:
+        return Verified(0, ("status",))
+    if not mend and (told or broken > foreign):
+        return Verified(1, ("verify", "--repair"))
+    return Verified(1, ("verify",) if foreign else ("run",))
 
 
-def _sequence(session: Session, sequence: SequenceGroup, mend: bool) -> int:
-    """Verify one sequence; returns the number of faults."""
-    count, found = Count(), 0
+def _sequence(session: Session, sequence: SequenceGroup, mend: bool) -> tuple[int, int]:
+    """Verify one sequence; returns the number of faults, and of those among them that no run mends."""
+    count, found, foreign = Count(), 0, 0
     for fault in faults(sequence, count):
         found += 1
+        foreign += fault.foreign
         session.say(
             [f"{sequence.name}: {describe(sequence, fault)}; {_mend(sequence, fault) if mend else remedy(fault)}"],
             "red",
         )
     outcome = number(found, "fault") if found else "no faults"
-    session.say([f"{sequence.name}: {number(count.files, 'file')}, {count.bytes / 1e6:.1f} MB read, {outcome}"])
+    sources = f"{number(count.sources, 'source file')}, {count.source_bytes / 1e6:.1f} MB read"
+    session.say(
+        [f"{sequence.name}: {number(count.files, 'file')}, {count.bytes / 1e6:.1f} MB, and {sources}, {outcome}"]
+    )
+    if count.gone:
+        session.say(
+            [
+                (
+                    f"{sequence.name}: {number(len(count.gone), 'source file')} left out, gone since the import, for"
+                    f" example {count.gone[0]}; what was made stays as it is, a task that reads one fails"
+                )
+            ],
+            "yellow",
+        )
     if count.unsealed:
         added = mend and seal_all(sequence)
         session.say(
@@ -81,7 +111,7 @@ def _sequence(session: Session, sequence: SequenceGroup, mend: bool) -> int:
         session.say(
             [f"{sequence.name}: {number(len(count.busy), 'task')} left out, because a run works there now"], "yellow"
         )
-    return found
+    return found, foreign
 
 
 def describe(sequence: SequenceGroup, fault: Fault) -> str:
@@ -102,7 +132,12 @@ def remedy(fault: Fault) -> str:
     """What a repair would do."""
     if fault.cause == LEFT_OVER:
         return "harmless; --repair deletes it"
-    if fault.file.startswith(GIVEN):
+    if fault.cause.startswith(SOURCE_CHANGED):
+        return (
+            "import the capture again, and what was made of the file is made anew; or put the old one back, and if"
+            f" anything ran since it changed, `posegaussian run --from {STAGES[0].name}`"
+        )
+    if fault.foreign:
         return "no run makes it: film the scene again with `posegaussian simulate`, or put the old files back"
     if fault.cause.startswith(ARRAY_BROKEN):
         return "--repair removes its description, and the next run makes the array anew"
@@ -118,7 +153,7 @@ def _task(fault: Fault) -> str:
 
 
 def _mend(sequence: SequenceGroup, fault: Fault) -> str:
-    if fault.file.startswith(GIVEN):
+    if fault.foreign:
         return remedy(fault)
     try:
         repair(sequence, fault)

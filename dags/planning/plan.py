@@ -29,7 +29,6 @@ from posegaussian.stages.registry import STAGES, TRUST
 from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.archive import set_aside
 from posegaussian.storage.archive.receipts import Receipt, ReceiptKey
-from posegaussian.storage.model.capture import PER_VIEW
 from posegaussian.storage.model.spec import digest
 
 TAKEN_OVER = "taken over from an earlier run with these settings"
@@ -392,9 +391,7 @@ def _notes(context: Context, book: Book, fresh: Collection[Task]) -> tuple[str, 
 def _changed_sources(context: Context) -> list[str]:
     """A sentence about files that are not what was imported; what was made from them stays as it is until they are
     imported again."""
-    capture = context.capture
-    streams = [s for kind in PER_VIEW for s in capture.streams(kind)] + [capture.joints3d]
-    changed = list(dict.fromkeys(f.path for s in streams if s is not None for f in s.files if f.touched))
+    changed = [f.path for f in context.capture.files if f.touched]
     if not changed:
         return []
     more = f" and {len(changed) - 1} more source files" if len(changed) > 1 else ""

@@ -25,7 +25,6 @@ from posegaussian.dags.planning.context import Context
 from posegaussian.dags.planning.plan import Plan, State
 from posegaussian.dags.planning.tasks import PRODUCERS, Product, Task, inputs
 from posegaussian.storage.archive.receipts import Output
-from posegaussian.storage.model.capture import PER_VIEW
 from posegaussian.storage.model.spec import ArraySpec, Keep
 
 Part = tuple[str, int | None]
@@ -52,10 +51,7 @@ def droppable(settings: Any, declared: bool = False) -> dict[str, Keep]:
 
 def lost_source(context: Context) -> Path | None:
     """A source file that is not where it was imported from: without it dropped bytes could not be made again."""
-    capture = context.capture
-    streams = [s for kind in PER_VIEW for s in capture.streams(kind)] + [capture.joints3d]
-    files = (Path(f.path) for s in streams if s is not None for f in s.files)
-    return next((f for f in files if not f.is_file()), None)
+    return next((p for f in context.capture.files if not (p := Path(f.path)).is_file()), None)
 
 
 class Readers:

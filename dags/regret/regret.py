@@ -146,7 +146,7 @@ def _as_decided(origin: Context, session: Session) -> tuple[Context, float]:
     """The sequence's context in a variant in which all is decided and run; the seconds that deciding took."""
     session.say(["deciding, as a run does"])
     plan = make_plan(_level(origin, {}).context)
-    run_here(plan, Selection(), session.configuration.default.run.threads)
+    run_here(plan, Selection(), session.configuration.default.run.threads, say=session.say_line)
     after = make_plan(_level(origin, {}).context)
     receipts = after.book.receipts
     return decided(after.context), sum(

@@ -1,4 +1,4 @@
-"""Ctrl-C: the first one ends the run in order, the second one ends the process."""
+"""Ctrl-C and SIGTERM: the first one ends the run in order, the second one ends the process."""
 
 from __future__ import annotations
 
@@ -16,11 +16,33 @@ STATUS = 130
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
-
 AGAIN_S = 0.02
 """Seconds after which an interrupt that was lost is raised again: by then the callback that lost it is over."""
 SAID_S = 2.0
 """Seconds at most that the end of a run waits for the sentence to be said."""
+
+
+def sigterm_as_ctrl_c() -> None:
+    """From now on SIGTERM raises KeyboardInterrupt in the main thread, as Ctrl-C does: by itself it ends a process with
+    a file half written.
+
+    Processes that this one starts have the system's own way with it, as before: a handler does not outlive `exec`.
+    """
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+
+
+@contextmanager
+def deaf() -> Iterator[None]:
+    """A process that is started within, or by a thread that is, never hears Ctrl-C: a terminal sends it there, too, and
+    the run alone decides what it means."""
+    from multiprocessing import resource_tracker
+
+    resource_tracker.ensure_running()  # it is started with the first process otherwise, and lets signals through again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager

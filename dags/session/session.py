@@ -237,7 +237,7 @@ class Session:
             self.configuration.default.run.threads,
             self._rules(stamp, self.room(plans).bytes),
         )
-        with interruptible(lambda line: self.say([line]), backend.kill):
+        with interruptible(self.say_line, backend.kill):
             ended = run.go()
         self.say(keeper.sentences)
         unwritten = [*log.sentences, *self._record(folder, collector)]
@@ -264,7 +264,7 @@ class Session:
             return []
         if self.console.is_terminal:
             return [TerminalProgress(self.console, remaining, self.voice, self.options)]
-        return [PlainProgress(lambda line: self.say([line]), remaining, self.voice, self.options)]
+        return [PlainProgress(self.say_line, remaining, self.voice, self.options)]
 
     def _log(self, folder: Path, collector: WarningCollector) -> None:
         lines = [f"warning: {w}" for w in collector.warnings]
@@ -396,3 +396,7 @@ class Session:
         """Print sentences as they are."""
         for line in lines:
             self.console.print(line, markup=False, style=style, soft_wrap=True)
+
+    def say_line(self, line: str) -> None:
+        """Print one sentence as it is."""
+        self.say([line])

@@ -164,9 +164,9 @@ class Clock:
         idle = level.context.unneeded()
         selection = Selection(frozenset(s.name for s in STAGES if s.name not in (MEASURES, *idle)), None, force)
         seconds: dict[str, dict[Task, float]] = defaultdict(dict)
-        plan = make_plan(level.context, selection)
+        plan, run = make_plan(level.context, selection), self.session.configuration.default.run
         try:
-            for task, receipt in run_here(plan, selection, self.session.configuration.default.run.threads).items():
+            for task, receipt in run_here(plan, selection, run.threads, say=self.session.say_line).items():
                 seconds[task.stage][task] = self._of(receipt)
         except RunFailed as e:
             raise UserError(f"tradeoff: {level.label()}: {e}") from e

@@ -1,4 +1,5 @@
-"""Reading again what receipts promise: every file's size and checksum, every array's decoded content.
+"""Reading again what receipts promise, every file's size and checksum, every array's decoded content; and the source
+files that a run trusts while their size and time are those of the import.
 
 Nothing here changes data. `repair` removes receipts, so that the next run makes their outputs anew, and deletes what
 killed writers left over; `seal_all` adds the checksums that an archive of an earlier version lacks.
@@ -42,7 +43,7 @@ from posegaussian.storage.archive.records import FILE, write_record
 from posegaussian.storage.archive.shards import table_digest
 from posegaussian.storage.archive.store import SequenceGroup
 from posegaussian.storage.files.names import Unsafe, files_below
-from posegaussian.storage.model.errors import ArchiveError, ShardMissing
+from posegaussian.storage.model.errors import ArchiveError, ShardMissing, SourceError
 from posegaussian.storage.model.spec import content_digest
 
 LEFT_OVER = "left over by a killed writer"
@@ -51,6 +52,7 @@ FOREIGN_RECEIPT = "it names what no task writes"
 GIVEN = "truth/"
 """Arrays that come with a simulated capture: no run makes them."""
 ARRAY_BROKEN = "an array that cannot be read as it was written"
+SOURCE_CHANGED = "source file that is not what was imported"
 
 
 @dataclass(frozen=True)
@@ -60,11 +62,16 @@ class Fault:
     cause: str
     """Missing, emptied, truncated, ..., in words."""
     file: str
-    """Path below the sequence's folder."""
+    """Path below the sequence's folder; of a source file where it lies."""
     output: Output | None = None
     """The output the file belongs to; None for receipts and left-overs."""
     receipt: Receipt | None = None
-    """The receipt that promises it; None for receipts that cannot be read and for left-overs."""
+    """The receipt that promises it; None for receipts that cannot be read, for left-overs and for source files."""
+
+    @property
+    def foreign(self) -> bool:
+        """Whether no run makes the file: a repair leaves it alone."""
+        return self.file.startswith(GIVEN) or self.cause.startswith(SOURCE_CHANGED)
 
 
 @dataclass
@@ -73,6 +80,10 @@ class Count:
 
     files: int = 0
     bytes: int = 0
+    sources: int = 0
+    source_bytes: int = 0
+    gone: list[str] = field(default_factory=list)
+    """Source files that are not where they were imported from."""
     busy: list[str] = field(default_factory=list)
     """Leases of tasks that were left out because a run works on them."""
     unsealed: int = 0
@@ -109,6 +120,7 @@ def faults(sequence: SequenceGroup, count: Count) -> Iterator[Fault]:
         if found and read_receipt(sequence, key_of(receipt)) == receipt:  # else a run made it anew meanwhile
             yield from found
     yield from _arrays(sequence, count)
+    yield from _sources(sequence, count)
     if not busy:
         yield from (
             Fault(LEFT_OVER, os.path.relpath(p, sequence.root))
@@ -132,6 +144,23 @@ def _arrays(sequence: SequenceGroup, count: Count) -> Iterator[Fault]:
             continue  # a run that began meanwhile replaces it
         except (ArchiveError, ValueError, RuntimeError) as e:
             yield Fault(f"{ARRAY_BROKEN} ({e})", f"{name}/{FILE}")
+
+
+def _sources(sequence: SequenceGroup, count: Count) -> Iterator[Fault]:
+    """Source files with another content than at the import: every one is read, because size and time can stay as they
+    were. Those that are gone are counted: what was made of them is whole, and who needs them says so."""
+    for file in sequence.capture.files:
+        if not os.path.exists(file.path):
+            count.gone.append(file.path)
+            continue
+        count.sources += 1
+        count.source_bytes += file.size
+        try:
+            how = file.damage()
+        except SourceError as e:
+            how = str(e)
+        if how is not None:
+            yield Fault(f"{SOURCE_CHANGED} ({how})", file.path)
 
 
 def seal_all(sequence: SequenceGroup) -> int:
@@ -244,7 +273,7 @@ def _block(
 def repair(sequence: SequenceGroup, fault: Fault) -> None:
     """Have the next run make anew what is broken. Raises LeaseHeld when a run works on it."""
     if fault.receipt is None:
-        if not fault.file.startswith(GIVEN):
+        if not fault.foreign:
             _remove(sequence, fault.file)
         return
     key = key_of(fault.receipt)

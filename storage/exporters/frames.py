@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from posegaussian.storage.files.names import check_camera_names
-from posegaussian.storage.files.write import write_atomically
+from posegaussian.storage.files.write import refusals, write_atomically
 from posegaussian.storage.model.errors import UserError
 from posegaussian.storage.readers.images import write_png
 
@@ -27,15 +27,19 @@ def write_frames(
     `source_frames` [F] and `time` [F] (seconds) are those of the whole sequence; a picture is (camera, source frame
     number, [h, w, 3] uint8 premultiplied on black, [h, w] uint8 alpha or None). With alpha the PNG holds straight
     colours, as PNG demands. `frames.csv` lists the frames written: `frame` (source frame number), `index` (the
-    sequence's own), `time`. Raises ValueError for an unknown camera or frame, UserError for a folder with pictures of
+    sequence's own), `time`; it is written last, and one of an earlier export is deleted first, so that none lies beside
+    pictures of two exports. Raises ValueError for an unknown camera or frame, UserError for a folder with pictures of
     another export, and NotWritten.
     """
     root = Path(folder)
+    listing = root / "frames.csv"
     index = {int(n): i for i, n in enumerate(source_frames)}
     written: set[int] = set()
     count = 0
     check_camera_names(cameras)
     refuse_strangers(root, cameras, source_frames)
+    with refusals(listing):
+        listing.unlink(missing_ok=True)
     for camera, number, picture, alpha in pictures:
         if camera not in cameras or int(number) not in index:
             raise ValueError(
@@ -50,7 +54,7 @@ def write_frames(
         table = csv.writer(text)
         table.writerow(["frame", "index", "time"])
         table.writerows([n, index[n], repr(float(time[index[n]]))] for n in sorted(written))
-        write_atomically(root / "frames.csv", text.getvalue().encode())
+        write_atomically(listing, text.getvalue().encode())
     return count
 
 

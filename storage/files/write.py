@@ -1,9 +1,10 @@
 """Files that are written for good: beside their place, whole, on disk, and only then under their name. There is no
 other way.
 
-So a full disk, a kill or a power cut leaves the old file or the new one, never an empty or a cut one, and nothing
-beside it. What the system says is told as a sentence: which file, why, how much is free and needed, what to do
-(`NotWritten`).
+So a full disk, a kill or a power cut leaves the old file or the new one, never an empty or a cut one. What raises, as
+Ctrl-C and SIGTERM do in a command, leaves nothing beside it; what ends the process at once (SIGKILL or another signal
+that nobody catches, a second Ctrl-C, a power cut) leaves the half written file there, hidden, as `.NAME...partial`.
+What the system says is told as a sentence: which file, why, how much is free and needed, what to do (`NotWritten`).
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache, cached_property
 from pathlib import Path
@@ -28,10 +28,18 @@ PER_VIEW = ("pictures", "masks", "joints", "depth", "depth_maps")
 """Kinds of sources with a stream a view; 3D joints have one for all."""
 
 
+def _read(path: str) -> str:
+    """Digest of a file, read piece by piece. Raises SourceError where it cannot be read."""
+    try:
+        with open(path, "rb") as f:
+            return hashlib.file_digest(f, "sha256").hexdigest()
+    except OSError as e:
+        raise SourceError(f"cannot read {path}: {e.strerror}") from e
+
+
 @cache
 def _sha256(path: str, size: int, mtime_ns: int) -> str:
-    with open(path, "rb") as f:
-        return hashlib.file_digest(f, "sha256").hexdigest()
+    return _read(path)
 
 
 @dataclass(frozen=True)
@@ -45,17 +53,14 @@ class SourceFile:
     size: int
     """Bytes."""
     mtime_ns: int
-    """Modification time at import; while size and time are unchanged the file is not hashed again."""
+    """Modification time at import; while size and time are unchanged the file is not hashed again but by `damage`."""
 
     @classmethod
     def of(cls, path: str | Path) -> SourceFile:
         """Reference an existing file. Raises SourceError when it is missing or unreadable."""
         stat = regular(path)
-        p = Path(path).resolve()
-        try:
-            return cls(str(p), _sha256(str(p), stat.st_size, stat.st_mtime_ns), stat.st_size, stat.st_mtime_ns)
-        except OSError as e:
-            raise SourceError(f"cannot read {p}: {e.strerror}") from e
+        p = str(Path(path).resolve())
+        return cls(p, _sha256(p, stat.st_size, stat.st_mtime_ns), stat.st_size, stat.st_mtime_ns)
 
     @property
     def touched(self) -> bool:
@@ -67,7 +72,8 @@ class SourceFile:
         return (stat.st_size, stat.st_mtime_ns) != (self.size, self.mtime_ns)
 
     def verify(self) -> None:
-        """Raise SourceError when the file is gone or its content is not what was imported."""
+        """Raise SourceError when the file is gone or its content is not what was imported: it is read only where size
+        or time changed."""
         p = Path(self.path)
         try:
             stat = p.stat()
@@ -77,16 +83,21 @@ class SourceFile:
             ) from e
         if (stat.st_size, stat.st_mtime_ns) == (self.size, self.mtime_ns):
             return
-        if stat.st_size != self.size or SourceFile.of(p).sha256 != self.sha256:
-            how = (
-                f"it has {stat.st_size} bytes, not {self.size}"
-                if stat.st_size != self.size
-                else "it has the same size and another content"
-            )
+        if (how := self._difference(stat.st_size, lambda: SourceFile.of(p).sha256)) is not None:
             raise SourceError(
                 f"source file {p} changed since it was imported: {how};"
                 " put the old one back or import the capture again"
             )
+
+    def damage(self) -> str | None:
+        """How the content is not what was imported, in words, or None: it is read again, whatever size and time say.
+        Raises SourceError where it cannot be read."""
+        return self._difference(regular(self.path).st_size, lambda: _read(self.path))
+
+    def _difference(self, size: int, sha256: Callable[[], str]) -> str | None:
+        if size != self.size:
+            return f"it has {size} bytes, not {self.size}"
+        return None if sha256() == self.sha256 else "it has the same size and another content"
 
 
 ONE_FILE = ("video", "coco", "caliscope", "trc", "hdf5")
@@ -230,6 +241,12 @@ class Capture:
     def streams(self, kind: str) -> tuple[Stream | None, ...]:
         """Streams of a source kind: one of PER_VIEW, or joints3d (one entry)."""
         return (self.joints3d,) if kind == "joints3d" else tuple(getattr(self, kind))
+
+    @property
+    def files(self) -> list[SourceFile]:
+        """All files of all kinds, each once."""
+        streams = [s for kind in (*PER_VIEW, "joints3d") for s in self.streams(kind)]
+        return list(dict.fromkeys(f for s in streams if s is not None for f in s.files))
 
     def has(self, kind: str) -> bool:
         """Whether any view has a source of that kind."""

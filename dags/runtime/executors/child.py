@@ -9,11 +9,8 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import signal
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from multiprocessing import resource_tracker
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING
 
@@ -21,6 +18,7 @@ from posegaussian.dags.provenance import builds
 from posegaussian.dags.runtime import threads
 from posegaussian.dags.runtime.executors.dask_worker import Introduction, introduce
 from posegaussian.dags.runtime.failures import Failure, failure
+from posegaussian.dags.runtime.signals import deaf
 from posegaussian.dags.runtime.timeout import death
 from posegaussian.dags.runtime.work_order import WorkOrder
 from posegaussian.dags.runtime.worker import execute
@@ -66,7 +64,7 @@ class Child:
         os.environ.update(threads.allocator())
         ours, theirs = context.Pipe()
         self._connection, self._process = ours, context.Process(target=serve, args=(theirs,), name="tasks", daemon=True)
-        with _deaf():
+        with deaf():
             self._process.start()
         theirs.close()
         self._meet(ours.recv())
@@ -94,18 +92,6 @@ class Child:
         if self._connection is not None:
             self._connection.close()
         self._process = self._connection = None
-
-
-@contextmanager
-def _deaf() -> Iterator[None]:
-    """A process that is started within never hears Ctrl-C: a terminal sends it there, too, and the run alone decides
-    what it means."""
-    resource_tracker.ensure_running()  # it is started with the first process otherwise, and lets signals through again
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def serve(connection: Connection) -> None:

@@ -30,7 +30,7 @@ from posegaussian.dags.planning.resources import CPU, GPU, Pool, pool_for, visib
 from posegaussian.dags.planning.tasks import Task
 from posegaussian.dags.provenance import builds
 from posegaussian.dags.runtime.executors.dask_worker import Introduction, execute_packed, introduce
-from posegaussian.dags.runtime.executors.local_cluster import deafness, start_local
+from posegaussian.dags.runtime.executors.local_cluster import start_local
 from posegaussian.dags.runtime.executors.prefetch import Window
 from posegaussian.dags.runtime.failures import Failure, Kind, failure
 from posegaussian.dags.runtime.timeout import death
@@ -139,7 +139,6 @@ class DaskBackend:
         if self._cluster is not None:
             try:
                 self._client.wait_for_workers(len(self._cluster.worker_spec), timeout=120)
-                self._client.register_plugin(deafness(), name="posegaussian-ctrl-c")
             except OSError as e:
                 raise SchedulerLost(f"the workers of this machine died while they started ({e}); run again") from e
         self._look()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import pickle
-import signal
 import socket
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,12 +36,6 @@ def introduce(archive: str | None) -> Introduction:
     return Introduction(
         socket.gethostname(), os.getpid(), archive is None or Path(archive).is_dir(), own.digest, own.versions
     )
-
-
-def deaf() -> None:
-    """Have this worker ignore Ctrl-C: a terminal sends it to the workers too, and the driver alone decides what it
-    means."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def execute_packed(wanted: str, order: bytes) -> bytes:

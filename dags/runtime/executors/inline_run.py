@@ -4,6 +4,7 @@ for the next one."""
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 
 from posegaussian.dags.planning.plan import Plan
 from posegaussian.dags.planning.selection import Selection
@@ -12,6 +13,7 @@ from posegaussian.dags.runtime.events import Event, TaskDone, TaskFailed
 from posegaussian.dags.runtime.executors.serial import SerialBackend
 from posegaussian.dags.runtime.in_flight import Backend
 from posegaussian.dags.runtime.scheduler import Run
+from posegaussian.dags.runtime.signals import interruptible
 from posegaussian.storage.archive.receipts import Receipt
 from posegaussian.storage.model.errors import UserError
 
@@ -26,11 +28,13 @@ def run_here(
     threads: int = 1,
     after_each: Callable[[], None] | None = None,
     workers: Backend | None = None,
+    say: Callable[[str], None] | None = None,
 ) -> dict[Task, Receipt]:
     """Run what is not fresh; the receipts of what ran.
 
     `after_each` is called after every task; what it raises ends the run, what is done is kept. `workers`: what runs it
-    in place of this process, left open but for an interrupt.
+    in place of this process, left open but for an interrupt. `say`: takes the sentence shown at a Ctrl-C; None: whoever
+    calls is `interruptible`, or says nothing before the task in hand has heard.
 
     Raises:
         RunFailed: with a sentence for every task that failed, when all others are done.
@@ -47,8 +51,10 @@ def run_here(
             if after_each is not None:
                 after_each()
 
-    more = workers is not None
-    if Run([plan], selection, workers or SerialBackend(), [note], threads, more=more).go().interrupted:
+    backend = workers or SerialBackend()
+    with interruptible(say, backend.kill) if say is not None else nullcontext():
+        ended = Run([plan], selection, backend, [note], threads, more=workers is not None).go()
+    if ended.interrupted:
         raise KeyboardInterrupt
     if failed:
         error = RunFailed("; ".join(f"{f.task.label()}: {f.error.strip()}" for f in failed))

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import logging
 import os
+import threading
 from typing import Any
 
 from posegaussian.dags.config.settings import RunSettings
 from posegaussian.dags.planning.resources import CPU, GPU, cpu_workers, gpu_workers, local_pools
 from posegaussian.dags.runtime import threads
-from posegaussian.dags.runtime.executors.dask_worker import deaf
+from posegaussian.dags.runtime.signals import deaf, interruptible
 from posegaussian.storage.model.errors import SchedulerLost
 
 CONFIGURATION = {
@@ -35,13 +36,28 @@ accident."""
 def start_local(settings: RunSettings) -> Any:
     """A cluster of this machine: one process a worker; a GPU worker sees one device alone.
 
-    Raises SchedulerLost when its workers die while they start, every time.
+    Raises SchedulerLost when its workers die while they start, every time, and KeyboardInterrupt after a Ctrl-C and
+    when it stands: what has half begun Dask cannot close without a traceback.
     """
+    stopped = threading.Event()
+    with interruptible(lambda line: None, lambda: None, stopped.set):
+        cluster = _attempt(settings, stopped)
+    if not stopped.is_set():
+        return cluster
+    if cluster is not None:
+        cluster.close(timeout=10)
+    raise KeyboardInterrupt
+
+
+def _attempt(settings: RunSettings, stopped: threading.Event) -> Any:
+    """The cluster; None where its workers die and no other attempt is wanted any more. Raises SchedulerLost."""
     for _ in range(ATTEMPTS):
         try:
             return _start(settings)
         except (RuntimeError, OSError) as e:
             why = e
+        if stopped.is_set():
+            return None
     raise SchedulerLost(
         f"no workers could be started on this machine in {ATTEMPTS} attempts ({why}): they died while they started,"
         " perhaps for memory; use fewer run.workers, or --scheduler serial"
@@ -77,22 +93,12 @@ def _start(settings: RunSettings) -> Any:
             "silence_logs": logging.CRITICAL,
         }
         spec[name] = {"cls": Nanny, "options": options}
-    return SpecCluster(
-        workers=spec,
-        scheduler={
-            "cls": Scheduler,
-            "options": {"dashboard": False, "dashboard_address": "127.0.0.1:0", "host": "127.0.0.1"},
-        },
-        silence_logs=logging.CRITICAL,
-    )
-
-
-def deafness() -> Any:
-    """A plugin that has every worker ignore Ctrl-C."""
-    from distributed import WorkerPlugin
-
-    class Deafness(WorkerPlugin):
-        def setup(self, worker: Any) -> None:
-            deaf()
-
-    return Deafness()
+    with deaf():  # the cluster's thread, which starts workers, later ones too, is begun here
+        return SpecCluster(
+            workers=spec,
+            scheduler={
+                "cls": Scheduler,
+                "options": {"dashboard": False, "dashboard_address": "127.0.0.1:0", "host": "127.0.0.1"},
+            },
+            silence_logs=logging.CRITICAL,
+        )

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import io
 import json
+import os
+import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +34,7 @@ def archive(finished: Pipeline, tmp_path: Path) -> Pipeline:
 
 def say(pipeline: Pipeline, repair: bool = False) -> tuple[int, str]:
     console = Console(file=io.StringIO(), width=400)
-    status = verify(Session(pipeline.configuration, str(pipeline.root), console), [NAME], repair)
+    status = verify(Session(pipeline.configuration, str(pipeline.root), console), [NAME], repair).status
     return status, console.file.getvalue()  # type: ignore[attr-defined]
 
 
@@ -205,6 +208,54 @@ def test_an_archive_of_before_is_fresh_and_gets_its_checksums_by_a_repair(archiv
     assert "checksums added" in said
     assert "checksum" not in say(archive)[1]
     assert archive.plan().all_fresh
+
+
+def test_a_source_file_that_changed_but_kept_size_and_time_is_named_and_left_alone(
+    finished: Pipeline, tmp_path: Path
+) -> None:
+    archive = finished.copy(tmp_path / "archive")
+    archive = replace(archive, folder=Path(shutil.copytree(archive.folder, tmp_path / "capture")))
+    archive.register()
+    picture = archive.folder / "images/cam01/000000.png"
+    whole, time = picture.read_bytes(), picture.stat().st_mtime_ns
+    assert say(archive)[0] == 0
+    flip(picture)
+    os.utime(picture, ns=(time, time))
+    assert archive.plan().all_fresh, "a plan trusts size and time"
+    changed = picture.read_bytes()
+    session, before = archive.session, content(archive)
+    for repair in (False, True):
+        status, said = say(archive, repair)
+        assert status == 1
+        assert (
+            f"{picture}: source file that is not what was imported (it has the same size and another content)" in said
+        )
+        assert "import the capture again, and what was made of the file is made anew; or put the old one back" in said
+        assert "`posegaussian run --from survey`" in said
+        assert "next run makes it anew" not in said
+        assert verify(session, [NAME], repair).following == ("verify",), "a run would read the file as it is"
+    assert (picture.read_bytes(), archive.plan().all_fresh) == (changed, True)
+    assert_same_content(content(archive), before)
+    picture.write_bytes(whole)
+    status, said = say(archive)
+    assert (status, "no faults" in said) == (0, True), "another time alone is no fault"
+    picture.unlink()
+    status, said = say(archive)
+    assert status == 0
+    assert f"1 source file left out, gone since the import, for example {picture}" in said
+
+
+def test_what_can_be_mended_is_mended_beside_a_source_file_that_cannot(finished: Pipeline, tmp_path: Path) -> None:
+    archive = finished.copy(tmp_path / "archive")
+    archive = replace(archive, folder=Path(shutil.copytree(archive.folder, tmp_path / "capture")))
+    archive.register()
+    (archive.folder / "images/cam01/000000.png").write_bytes(b"no picture")
+    (archive.root / NAME / SHARD).unlink()
+    session = archive.session
+    assert verify(session, [NAME], mend=False) == (1, ("verify", "--repair"))
+    status, said = say(archive, repair=True)
+    assert (status, "the receipt of depth p0001 is removed" in said) == (1, True)
+    assert verify(session, [NAME], mend=False) == (1, ("verify",))
 
 
 def test_what_a_run_works_on_is_left_out(archive: Pipeline) -> None:

@@ -12,9 +12,12 @@ from pathlib import Path
 
 import psutil
 import pytest
+from typer.testing import CliRunner
 
+from posegaussian.dags.cli.app import app
 from posegaussian.dags.planning.plan import State
 from posegaussian.dags.runtime.signals import interruptible
+from posegaussian.dags.session.session import Session
 from posegaussian.storage.archive.lease import living
 from tests.support.pipeline import NAME, Pipeline
 
@@ -64,6 +67,27 @@ def test_ctrl_c_ends_a_run_in_order(scheduler: str, more: tuple[str, ...], perso
     assert plan.counts("frames")[State.FRESH], "what was done counts"
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_workers_that_are_being_started_end_without_a_traceback(
+    number: int, person_folder: Path, tmp_path: Path
+) -> None:
+    pipeline = Pipeline(tmp_path / "archive", person_folder)
+    pipeline.register()
+    process = started(pipeline, "local", 0)
+    deadline = time.monotonic() + 60
+    while not (family := psutil.Process(process.pid).children(recursive=True)):
+        assert process.poll() is None, process.communicate()[0]
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+    time.sleep(0.2)  # now they import
+    os.killpg(process.pid, number)
+    said = process.communicate(timeout=60)[0]
+    assert process.returncode == 130, said
+    assert said.endswith("interrupted; what is done is kept, the next run goes on from here\n"), said
+    assert "Traceback" not in said, said
+    assert not psutil.wait_procs(family, timeout=30)[1]
+
+
 HANGING = """
 import sys, time
 import posegaussian.stages.frames.run as frames
@@ -109,6 +133,72 @@ def test_a_second_ctrl_c_ends_a_run_whose_kernel_does_not_listen(finished: Pipel
             break
     process.send_signal(signal.SIGINT)
     assert process.wait(timeout=30) == 130
+
+
+WRITING = """
+import os, sys, time
+real = os.replace
+def replace(partial, path):
+    if str(path).endswith("written"):
+        print("writing", flush=True)
+        time.sleep(100)
+    real(partial, path)
+os.replace = replace
+from posegaussian.dags.cli import app
+from posegaussian.storage.files.write import write_atomically
+@app.app.command()
+def write(path: str):
+    write_atomically(path, b"whole")
+app.main()
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_command_that_is_interrupted_says_so_and_leaves_nothing_half_written(number: int, tmp_path: Path) -> None:
+    (tmp_path / "written").write_bytes(b"old")
+    process = subprocess.Popen(
+        [sys.executable, "-c", WRITING, "write", str(tmp_path / "written")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": os.getcwd()},
+        preexec_fn=_hears_ctrl_c,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "writing\n"
+    assert len(list(tmp_path.iterdir())) == 2
+    process.send_signal(number)
+    out, err = process.communicate(timeout=30)
+    assert (process.returncode, out, err) == (
+        130,
+        "",
+        "interrupted; what is done is kept, the next run goes on from here\n",
+    )
+    assert [f.read_bytes() for f in tmp_path.iterdir()] == [b"old"]
+
+
+def _hears_ctrl_c() -> None:
+    """The tests may run where Ctrl-C is ignored, as behind `&` in a script."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("plan",), ("export", "walk", "--sheet", "a.png"), ("evaluate",), ("tradeoff", "--knob", "depth.method")],
+    ids=lambda words: words[0],
+)
+def test_every_command_says_that_it_was_interrupted(
+    words: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(Session, "open", lambda *a, **k: os.kill(os.getpid(), signal.SIGINT))
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        done = CliRunner().invoke(app, words)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert done.exit_code == 130
+    assert (done.stdout, done.stderr) == ("", "interrupted; what is done is kept, the next run goes on from here\n")
 
 
 DROPPING = """

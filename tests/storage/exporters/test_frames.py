@@ -43,6 +43,23 @@ def test_alpha_only_where_asked(tmp_path):
     assert not back[0].any()
 
 
+def test_an_export_that_is_ended_half_way_leaves_no_table_of_pictures_of_two_exports(tmp_path):
+    dark, light = np.zeros((4, 4, 3), np.uint8), np.full((4, 4, 3), 200, np.uint8)
+    numbers, time = [0, 1], [0.0, 0.1]
+    write_frames(tmp_path, ["a"], numbers, time, [("a", n, dark, None) for n in numbers])
+
+    def killed():
+        yield "a", 0, light, None
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_frames(tmp_path, ["a"], numbers, time, killed())
+    assert [read_picture(tmp_path / "a" / f"{n:06d}.png").max() for n in numbers] == [200, 0]
+    assert not (tmp_path / "frames.csv").exists()
+    write_frames(tmp_path, ["a"], numbers, time, [("a", n, light, None) for n in numbers])
+    assert (tmp_path / "frames.csv").exists()
+
+
 def test_unknown_cameras_and_frames_are_refused(tmp_path):
     picture = np.zeros((4, 4, 3), np.uint8)
     with pytest.raises(ValueError, match="camera 'b'"):

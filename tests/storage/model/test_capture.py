@@ -138,6 +138,24 @@ def test_a_file_is_known_by_content(tmp_path: Path) -> None:
         file.verify()
 
 
+def test_only_a_second_reading_finds_what_kept_size_and_time(tmp_path: Path) -> None:
+    path = tmp_path / "a.png"
+    path.write_bytes(b"picture")
+    file = SourceFile.of(path)
+    assert file.damage() is None
+    path.write_bytes(b"changed")
+    os.utime(path, ns=(file.mtime_ns, file.mtime_ns))
+    assert not file.touched
+    file.verify()
+    assert file.damage() == "it has the same size and another content"
+    path.write_bytes(b"longer than before")
+    assert file.damage() == "it has 18 bytes, not 7"
+    path.unlink()
+    path.mkdir()
+    with pytest.raises(SourceError, match="it is a folder"):
+        file.damage()
+
+
 def test_a_missing_file_and_a_folder_get_a_sentence(tmp_path: Path) -> None:
     for path in (tmp_path / "none.png", tmp_path):
         with pytest.raises(SourceError, match="cannot read") as error:

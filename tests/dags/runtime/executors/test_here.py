@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 from pathlib import Path
 
 import pytest
@@ -69,6 +71,18 @@ def test_workers_that_are_given_stay_for_the_next_plan_but_not_after_an_interrup
     with pytest.raises(KeyboardInterrupt):
         run_here(small.plan(), DEPTH, after_each=enough, workers=workers)
     assert closed == [True]
+
+
+def test_a_ctrl_c_is_answered_before_the_task_in_hand_ends(small: Pipeline) -> None:
+    said = list[str]()
+
+    def press() -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt):
+        here(small, after_each=press, say=said.append)
+    assert said == ["stopping; what is finished is kept. Ctrl-C once more ends at once"]
+    assert len(here(small)) == 5, "the task that was done counts"
 
 
 def test_every_failed_task_is_named_and_the_others_are_done(small: Pipeline) -> None:
