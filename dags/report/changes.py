@@ -13,7 +13,7 @@ import numpy as np
 
 from posegaussian.dags.planning.results import Results
 from posegaussian.stages.frames.exposures import SURFACE, compared, points_in
-from posegaussian.stages.frames.facts import EXPOSURE_MATCHING, NOISE_AVERAGING, TONE_MAPPING
+from posegaussian.stages.frames.facts import EXPOSURE_MATCHING, LIGHT_STEADYING, NOISE_AVERAGING, TONE_MAPPING
 from posegaussian.stages.frames.params import resolve_matte
 from posegaussian.stages.imaging.color import to_display
 from posegaussian.stages.imaging.exposure import match
@@ -90,7 +90,7 @@ def _filmed_and_worked(results: Results, frame: int, views: Sequence[int]) -> It
     view = max(views, key=lambda v: moved[v])
     filmed, worked = _filmed(results, frame, view), _worked(results, frame, view)
     yield _row(
-        _on(results, UNDISTORTION, CROP_SCALE, NOISE_AVERAGING, EXPOSURE_MATCHING, TONE_MAPPING),
+        _on(results, UNDISTORTION, CROP_SCALE, LIGHT_STEADYING, NOISE_AVERAGING, EXPOSURE_MATCHING, TONE_MAPPING),
         f"{context.rig.names[view]} as filmed, as it is worked on, difference x {TIMES}",
         [filmed, worked, _difference(filmed, worked)],
     )

@@ -6,13 +6,22 @@ import numpy as np
 
 from posegaussian.stages.contract.declaration import Decision, Effect, Evidence
 from posegaussian.stages.contract.facts import LINEAR_LIGHT, MASKS, SEVERAL_FRAMES
-from posegaussian.stages.contract.judged import EXPOSURE, SHARED_LIGHT, drawn_at, may_judge, mean_scores
+from posegaussian.stages.contract.judged import (
+    EXPOSURE,
+    PERSON_MATTE,
+    PLATE_MATTE,
+    SHARED_LIGHT,
+    drawn_at,
+    may_judge,
+    mean_scores,
+)
 from posegaussian.stages.frames import facts
 from posegaussian.stages.frames.exposures import SURFACE, compared, points_in, side_by_side
 from posegaussian.stages.imaging import exposure
 from posegaussian.stages.imaging.noise import noise_at, size_worked_at
+from posegaussian.stages.imaging.steady_light import UNTOLD
 
-OUTLINES, LIGHT, UNREST = "survey/outlines", "survey/light", "survey/unrest"
+OUTLINES, LIGHT, UNREST, DRIFT = "survey/outlines", "survey/light", "survey/unrest", "survey/drift"
 """What the survey measures for them."""
 NO_LINK = f"no two cameras share {exposure.FEWEST_POINTS} well exposed surface points, dark and bright ones"
 """Why gains cannot be told."""
@@ -138,6 +147,31 @@ def white_point(light: np.ndarray) -> float:
     return max(1.0, float(light[:, 1].max()))
 
 
+def _no_still_background(evidence: Evidence) -> str | None:
+    """Why light over time cannot be told."""
+    if SEVERAL_FRAMES not in evidence.facts:
+        return "the capture has a single frame"
+    if LINEAR_LIGHT in evidence.facts:
+        return "the pictures are linear light"
+    if not evidence.facts & {PERSON_MATTE, PLATE_MATTE}:
+        return "no background plate is made: masks are given, or everything is foreground"
+    return None
+
+
+def _drift(evidence: Evidence, bound: float) -> Decision | None:
+    if DRIFT not in evidence.noted:
+        return None
+    told = [brighter[(brighter < UNTOLD).all(axis=1)] for brighter in evidence.noted[DRIFT]]
+    if not any(len(t) > 1 for t in told):
+        return Decision(False, None, bound, "no source view shows a background that stays the same")
+    changes = np.array([np.ptp(t, axis=0).max() if len(t) else 0.0 for t in told])
+    worst = int(changes.argmax())
+    most, name = float(changes[worst]), evidence.rig.names[evidence.sources[worst]]
+    return Decision(
+        most > bound, most, bound, f"the light of what is behind the subject changes by {most:.2f} stops in {name}"
+    )
+
+
 def _nothing_to_average(evidence: Evidence) -> str | None:
     """Why there is no noise to average away."""
     if SEVERAL_FRAMES not in evidence.facts:
@@ -160,6 +194,16 @@ def _noise(evidence: Evidence, bound: float) -> Decision | None:
     return Decision(level > bound, level, bound, told)
 
 
+LIGHT_STEADYING = Effect(
+    facts.LIGHT_STEADYING,
+    "Bring every picture to its camera's usual light, by the background behind the subject.",
+    "largest change of a source camera's light over time",
+    0.05,
+    "stops",
+    _drift,
+    asks=(DRIFT,),
+    lacks=_no_still_background,
+)
 NOISE_AVERAGING = Effect(
     facts.NOISE_AVERAGING,
     "Average source pictures and their depth with the frames around them where these show the same.",

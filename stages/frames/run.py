@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import cv2
 import numpy as np
@@ -15,6 +15,7 @@ from posegaussian.stages.frames.exposures import SURFACE, compared
 from posegaussian.stages.frames.facts import (
     AVERAGED_WITH,
     EXPOSURE_MATCHING,
+    LIGHT_STEADYING,
     NOISE_AVERAGING,
     OUTLINE_CORRECTION,
     TONE_MAPPING,
@@ -22,7 +23,7 @@ from posegaussian.stages.frames.facts import (
 from posegaussian.stages.frames.mask_doubts import MUCH, around_doubts, doubts, goes_around, hidden_told
 from posegaussian.stages.frames.params import FramesParams, resolve_matte
 from posegaussian.stages.frames.person_matte import person_matte
-from posegaussian.stages.frames.plate_matte import plate_matte
+from posegaussian.stages.frames.plate_matte import UNSEEN, plate_matte
 from posegaussian.stages.frames.segmentation_prior import Hints
 from posegaussian.stages.geometry.subject import PERSON_RADIUS, STATURE, look_at_point
 from posegaussian.stages.imaging.averaging import averaged
@@ -31,6 +32,7 @@ from posegaussian.stages.imaging.color import gain_table, to_display, tone_mappe
 from posegaussian.stages.imaging.exposure import match
 from posegaussian.stages.imaging.noise import noise_at, size_worked_at
 from posegaussian.stages.imaging.outline import moved
+from posegaussian.stages.imaging.steady_light import steadied, stops_brighter
 from posegaussian.stages.imaging.warp import Warp
 from posegaussian.storage.model.errors import SourceError
 
@@ -58,6 +60,7 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
     present = np.flatnonzero(inputs.valid[:, view])
     numbers = [int(n) for n in inputs.source_frames[present]]
 
+    steady = _steadily(inputs, warp)
     color, maps_tones = _empty(inputs, (3,), np.uint8), TONE_MAPPING in inputs.facts
     # the plate is clipped at white, too
     if not maps_tones or resolve_matte(params, inputs.facts) in (
@@ -65,10 +68,10 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
         "person",
     ):
         if NOISE_AVERAGING in inputs.facts and view in inputs.views.sources:
-            _fill_averaged(inputs, warp, color)
+            _fill_averaged(inputs, warp, color, steady)
         else:
             for frame, picture in zip(present, pictures.read(view, numbers), strict=True):
-                _place(color[frame], warp(to_display(picture)))
+                _place(color[frame], steady(warp(to_display(picture))))
     mask = _empty(inputs, (), np.uint8)
     notes = _fill_mask(inputs, params, warp, present, numbers, color, mask)
     matched = EXPOSURE_MATCHING in inputs.facts and view in inputs.views.sources
@@ -97,8 +100,18 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
         yield _given_depth(inputs, warp, dict(zip(numbers, present, strict=True)))
 
 
-def _fill_averaged(inputs: Inputs, warp: Warp, color: np.ndarray) -> None:
-    """Fill color [F, h, w, 3] of a source view with averages over the frames around."""
+def _steadily(inputs: Inputs, warp: Warp) -> Callable[[np.ndarray], np.ndarray]:
+    """What brings a picture [h, w, 3] of the view to its usual light; what leaves it as it is while `light_steadying`
+    is off."""
+    if LIGHT_STEADYING not in inputs.facts:
+        return lambda picture: picture
+    plate, spread = _plate(inputs, warp)
+    known = (spread < UNSEEN) & (warp.coverage > 0)
+    return lambda picture: steadied(picture, stops_brighter(picture, plate, known))
+
+
+def _fill_averaged(inputs: Inputs, warp: Warp, color: np.ndarray, steady: Callable[[np.ndarray], np.ndarray]) -> None:
+    """Fill color [F, h, w, 3] of a source view with averages over the frames around, each made `steady`."""
     view = warp.view
     size = size_worked_at(inputs.rig, inputs.source_rig, inputs.captured_to_calibrated)[view]
     noise = noise_at(inputs.read("survey/unrest", view), size)
@@ -106,7 +119,7 @@ def _fill_averaged(inputs: Inputs, warp: Warp, color: np.ndarray) -> None:
     first = inputs.partition.start - inputs.span("pictures").start
     there = np.flatnonzero(valid[:, view])
     read = inputs.source("pictures").read(view, [int(n) for n in numbers[there]])
-    shown = {int(i): warp(to_display(picture)) for i, picture in zip(there, read, strict=True)}
+    shown = {int(i): steady(warp(to_display(picture))) for i, picture in zip(there, read, strict=True)}
     for frame in range(len(color)):
         at = first + frame
         around = [shown[i] for i in range(at - AVERAGED_WITH, at + AVERAGED_WITH + 1) if i != at and i in shown]

@@ -21,7 +21,13 @@ from posegaussian.stages.contract.facts import (
 from posegaussian.stages.contract.io import Views
 from posegaussian.stages.contract.judged import MATTES, SHARED_LIGHT
 from posegaussian.stages.detection.params import ADDED
-from posegaussian.stages.frames.effects import EXPOSURE_MATCHING, NOISE_AVERAGING, OUTLINE_CORRECTION, TONE_MAPPING
+from posegaussian.stages.frames.effects import (
+    EXPOSURE_MATCHING,
+    LIGHT_STEADYING,
+    NOISE_AVERAGING,
+    OUTLINE_CORRECTION,
+    TONE_MAPPING,
+)
 from posegaussian.stages.frames.exposures import SURFACE, compared
 from posegaussian.stages.frames.facts import AVERAGED_WITH
 from posegaussian.stages.frames.params import (
@@ -213,6 +219,7 @@ STAGE = Stage(
         UNDISTORTION,
         CROP_SCALE,
         CALIBRATION_CORRECTION,
+        LIGHT_STEADYING,
         NOISE_AVERAGING,
         EXPOSURE_MATCHING,
         OUTLINE_CORRECTION,

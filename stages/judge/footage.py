@@ -20,6 +20,7 @@ from posegaussian.stages.contract.io import Inputs, TaskScope
 from posegaussian.stages.contract.judged import PERSON_MATTE
 from posegaussian.stages.depth.facts import LEFT_RIGHT_CHECK
 from posegaussian.stages.detection.run import run as detection_of
+from posegaussian.stages.frames.facts import LIGHT_STEADYING
 from posegaussian.stages.frames.run import run as frames_in
 from posegaussian.stages.imaging.pixel_effects import CROP_SCALE, UNDISTORTION
 from posegaussian.stages.imaging.small_turns import turned
@@ -27,7 +28,7 @@ from posegaussian.stages.judge.memory import Frames
 from posegaussian.stages.judge.sources import FromSources
 from posegaussian.stages.pose.run import run as pose_of
 
-CUTTING = frozenset({MASKS, JOINTS2D, JOINTS3D, ESTIMATED, SEGMENTED, SEVERAL_FRAMES, SINGLE_SOURCE})
+CUTTING = frozenset({MASKS, JOINTS2D, JOINTS3D, ESTIMATED, SEGMENTED, SEVERAL_FRAMES, SINGLE_SOURCE, LIGHT_STEADYING})
 """Facts by which the subject is found. Who is followed over time is none of them: of a few frames nobody can be, and
 the subject is the person on whom most views agree."""
 CAMERAS = frozenset({UNDISTORTION.name, CROP_SCALE.name})

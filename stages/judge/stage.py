@@ -19,6 +19,7 @@ from posegaussian.stages.contract.judged import (
     TURNS,
 )
 from posegaussian.stages.depth.methods.registry import BY_PICTURES
+from posegaussian.stages.frames.effects import LIGHT_STEADYING
 from posegaussian.stages.frames.exposures import SURFACE
 from posegaussian.stages.imaging.camera_mapping import frames_rig
 from posegaussian.stages.imaging.small_turns import LINKS
@@ -181,5 +182,6 @@ STAGE = Stage(
         "depth_method": len(BY_PICTURES),
         "weights": len(CANDIDATES),
     },
+    effects=(LIGHT_STEADYING,),
     sees=("detection", "pose", "frames", "depth"),
 )

@@ -27,11 +27,13 @@ TIME_INVARIANT = frozenset(
         "survey/noise",
         "survey/unrest",
         "survey/light",
+        "survey/drift",
         "tracks/people",
         "tracks/choice",
     }
 )
 NEEDING_THE_SURVEY = {
+    "light_steadying",
     "noise_averaging",
     "exposure_matching",
     "outline_correction",

@@ -19,6 +19,8 @@ PIXELS = 2**18
 whole's."""
 STRIP = 16
 """Rows of a strip."""
+LIT = 2**16
+"""Pixels, at most, that tell how much brighter one picture is than another."""
 QUIET, OF_QUIET = 0.25, 0.404
 """Share of the pixels that surely stand still, and what it is of the variance: the quantile of a mean of three squared
 normal differences."""
@@ -65,10 +67,14 @@ def unrest(before: np.ndarray, after: np.ndarray) -> float:
     """Standard deviation of the noise of two pictures [h, w, 3] uint8 of one camera that follow each other, 1/255 sRGB.
 
     From the quarter of the pixels that changed least, of those that are neither nearly black nor nearly white, where
-    noise is cut off; 0 where there are none. Too large where more than half of the picture moves.
+    noise is cut off; 0 where there are none. Too large where more than half of the picture moves. Light that changes
+    all over the picture is no noise.
     """
     middling = ((before >= DARKEST) & (before <= BRIGHTEST) & (after >= DARKEST) & (after <= BRIGHTEST)).all(axis=2)
     if not middling.any():
         return 0.0
-    apart = ((before[middling].astype(np.float32) - after[middling]) ** 2).mean(axis=1)
+    first, second = before[middling].astype(np.float32), after[middling].astype(np.float32)
+    every = -(-len(first) // LIT)
+    brighter = np.median(second[::every] / first[::every], axis=0)
+    apart = ((first - second / brighter) ** 2).mean(axis=1)
     return float(np.sqrt(np.quantile(apart, QUIET) / (2 * OF_QUIET)))

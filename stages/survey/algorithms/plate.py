@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from posegaussian.stages.contract.io import Block, Inputs, JointReader
+from posegaussian.stages.imaging.steady_light import PIXELS, UNTOLD, steadied, stops_brighter
 from posegaussian.stages.survey.algorithms.body_mask import people_cover
 from posegaussian.stages.survey.algorithms.look import NO_FRAMES, Look
 
@@ -16,56 +17,103 @@ FEWEST_SHOWN = 3
 """Frames that must show a pixel without a person."""
 BLOCK = 65536
 """Values of a picture that are sorted at a time: with those of all frames they fit in a processor's cache."""
+STEADY = 0.01
+"""Stops by which pictures may differ and still be taken as they are."""
+ROUNDS = 3
+"""In which a light common to all pictures is found; a fourth changes them by less than `STEADY`."""
 
 
 class PlateLook(Look):
-    """survey/plate [Y, X, 3] uint8 sRGB and survey/spread [Y, X] uint8 in captured pixels, as far as they are asked
-    for.
+    """survey/plate [Y, X, 3] uint8 sRGB, survey/spread [Y, X] uint8, both in captured pixels, and survey/drift [S, 3],
+    as far as they are asked for.
 
     Y and X are the largest captured size of all views, padding is 0. The sample lies over the whole source, as nothing
-    tells what is behind somebody who stands still for the few frames that may be worked on.
+    tells what is behind somebody who stands still for the few frames that may be worked on. The plate has the light
+    that these few usually have.
     """
 
     def __init__(
-        self, inputs: Inputs, view: int, numbers: np.ndarray, sample: int, joints: JointReader | None, margin: float
+        self,
+        inputs: Inputs,
+        view: int,
+        numbers: np.ndarray,
+        worked: np.ndarray,
+        sample: int,
+        joints: JointReader | None,
+        margin: float,
     ) -> None:
-        """joints: of people to leave out, widened by `margin`; sample: length of the record of the frames."""
-        self.numbers, self._inputs, self._view, self._sample, self._joints, self._margin = (
-            numbers,
-            inputs,
-            view,
-            sample,
-            joints,
-            margin,
-        )
-        self.joints = NO_FRAMES if joints is None else numbers
+        """numbers: of the plate; worked: of those whose light it gets; joints: of people to leave out, widened by
+        `margin`; sample: length of the record of the frames."""
+        self.numbers, self._plated, self._worked = np.union1d(numbers, worked), numbers, worked
+        self._inputs, self._view, self._sample, self._joints, self._margin = inputs, view, sample, joints, margin
+        self.joints = NO_FRAMES if joints is None else self.numbers
         width, height = inputs.source("pictures").size(view)
+        self._every = max(1, round((width * height / PIXELS) ** 0.5))
         self._stack = np.empty((len(numbers), height, width, 3), dtype=np.uint8)
         self._covered = np.zeros(self._stack.shape[:3], dtype=np.uint8)
+        self._lit: dict[int, tuple[np.ndarray, np.ndarray]] = {}
 
     def see(self, number: int, picture: np.ndarray, shown: np.ndarray) -> None:
         """Keep a picture and where people are in it."""
-        i = int(np.searchsorted(self.numbers, number))
-        self._stack[i] = shown
+        hidden, size = np.zeros(shown.shape[:2], np.uint8), (shown.shape[1], shown.shape[0])
         if self._joints is not None:
-            size = (shown.shape[1], shown.shape[0])
-            self._covered[i] = people_cover(
-                self._joints.read(self._view, number), self._joints.joint_set, size, self._margin
-            )
+            hidden = people_cover(self._joints.read(self._view, number), self._joints.joint_set, size, self._margin)
+        i = int(np.searchsorted(self._plated, number))
+        if i < len(self._plated) and self._plated[i] == number:
+            self._stack[i], self._covered[i] = shown, hidden
+        if number in self._worked:
+            self._lit[number] = self._few(shown), self._few(hidden)
+
+    def _few(self, image: np.ndarray) -> np.ndarray:
+        """Every n-th pixel [..., h, w] or [..., h, w, 3] of what is at least two-dimensional."""
+        return np.ascontiguousarray(image[:: self._every, :: self._every])
 
     def blocks(self) -> Iterator[Block]:
-        """The plate, its frames and the spread."""
+        """By how much each worked frame is brighter than they usually are, and in their usual light the plate, its
+        frames and the spread."""
         pictures, views = self._inputs.source("pictures"), self._inputs.views.names
         x, y = (int(n) for n in np.array([pictures.size(v) for v in range(len(views))]).max(axis=0))
+        few = np.stack([self._few(p) for p in self._stack]), np.stack([self._few(c) for c in self._covered])
+        brighter = brighter_than_each_other(*few)
+        for i in np.flatnonzero((np.abs(brighter) > STEADY).any(axis=1)):
+            self._stack[i] = steadied(self._stack[i], brighter[i])
         plate, spread = median_and_spread(self._stack, self._covered)
+        ground, known = self._few(plate), self._few(spread) < UNKNOWN
+        drift = np.stack(
+            [stops_brighter(p, ground, known & (h == 0)) for p, h in (self._lit[int(n)] for n in self._worked)]
+        )
+        told = np.asarray((drift < UNTOLD).all(axis=1))
+        usual = np.median(drift[told], axis=0) if told.any() else np.zeros(3)
+        if (np.abs(usual) > STEADY).any():
+            plate = steadied(plate, -usual)
+        if "survey/drift" in self._inputs.facts:
+            drift = np.where(told[:, None], drift - usual, UNTOLD)
+            yield Block("survey/drift", padded(drift, (self._sample, 3), UNTOLD), self._view)
         if "survey/plate" in self._inputs.facts:
-            yield Block("survey/background", padded(self.numbers, (self._sample,), -1), self._view)
+            yield Block("survey/background", padded(self._plated, (self._sample,), -1), self._view)
             yield Block("survey/plate", padded(plate, (y, x, 3)), self._view)
         if "survey/spread" in self._inputs.facts:
             yield Block("survey/spread", padded(spread, (y, x)), self._view)
 
 
-def padded(data: np.ndarray, shape: tuple[int, ...], value: int = 0) -> np.ndarray:
+def brighter_than_each_other(stack: np.ndarray, covered: np.ndarray) -> np.ndarray:
+    """[n, 3] stops by which pictures [n, h, w, 3] uint8 are brighter than their plate, pixels that are `covered` [n, h,
+    w] left out; `UNTOLD` where the background does not tell.
+
+    The plate is that of pictures brought to one light, which is found in rounds.
+    """
+    alike, brighter = stack, np.zeros((len(stack), 3))
+    for _ in range(ROUNDS):
+        plate, spread = median_and_spread(alike, covered)
+        known = (covered == 0) & (spread < UNKNOWN)
+        brighter = np.stack([stops_brighter(p, plate, k) for p, k in zip(stack, known, strict=True)])
+        if (np.abs(brighter) <= STEADY).all():
+            break
+        alike = np.stack([steadied(p, b) for p, b in zip(stack, brighter, strict=True)])
+    return brighter
+
+
+def padded(data: np.ndarray, shape: tuple[int, ...], value: float = 0) -> np.ndarray:
     """`data` in the first corner of an array of `shape`, `value` elsewhere."""
     out = np.full(shape, value, dtype=data.dtype)
     out[tuple(slice(n) for n in data.shape)] = data

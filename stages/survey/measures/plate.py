@@ -21,7 +21,7 @@ def _look(s: Sampled) -> Look:
 
     joints = joint_reader(s.inputs) if JOINTS2D in s.inputs.facts and s.params.joints_margin > 0 else None
     numbers = sample_numbers(s.numbers, s.params.sample)
-    return PlateLook(s.inputs, s.view, numbers, s.params.sample, joints, s.params.joints_margin)
+    return PlateLook(s.inputs, s.view, numbers, s.chosen, s.params.sample, joints, s.params.joints_margin)
 
 
 def _sources(params: SurveySettings) -> frozenset[Source]:
@@ -61,8 +61,8 @@ MEASURE = Measure(
             ("view", "source_y", "source_x", "rgb"),
             "uint8",
             "sRGB",
-            "Median colour of the sample, people left out where joints tell: the background of a static camera, in"
-            " captured pixels.",
+            "Median colour of its frames, people left out where joints tell, in the light of those that are worked on:"
+            " the background of a static camera, in captured pixels.",
             when="survey/plate",
         ),
         ArraySpec(
@@ -73,6 +73,16 @@ MEASURE = Measure(
             "Median absolute deviation from the plate, largest of the three channels; 255: a person covered the pixel"
             " in nearly every frame.",
             when="survey/spread",
+        ),
+        ArraySpec(
+            "survey/drift",
+            ("view", "sample", "rgb"),
+            "float64",
+            "stops",
+            "By how much each sampled picture is brighter than these usually are, where it shows the background; 99"
+            " where that cannot be told.",
+            when="survey/drift",
+            noted=True,
         ),
     ),
     _look,

@@ -1,13 +1,17 @@
-"""How far lenses and crops move pixels, against OpenCV's lens model and plain arithmetic."""
+"""How far lenses and crops move pixels, against OpenCV's lens model and plain arithmetic; when light is steadied."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
+from posegaussian.stages.frames.effects import DRIFT, LIGHT_STEADYING
 from posegaussian.stages.imaging.camera_mapping import frames_rig, switched
 from posegaussian.stages.imaging.pixel_effects import crop_displacement, lens_displacement
+from posegaussian.stages.imaging.steady_light import UNTOLD
 from posegaussian.stages.simulator.subjects.capsule_person import ring
 
 
@@ -46,3 +50,50 @@ def test_what_is_off_is_as_if_the_calibration_had_none() -> None:
     assert not lens.distortion.any()
     np.testing.assert_array_equal(moved, np.tile([1.0, 0, 0], (2, 1)))
     np.testing.assert_array_equal(lens.intrinsics, source.intrinsics)
+
+
+def drifting(*stops: np.ndarray, facts: frozenset[str] = frozenset({"several_frames", "person_matte"})) -> Any:
+    """Evidence of cameras whose pictures are so many stops [frame, channel] brighter than usual."""
+    rig = ring(len(stops), 64, 0)
+    return SimpleNamespace(rig=rig, sources=tuple(range(len(stops))), facts=facts, noted={DRIFT: np.stack(stops)})
+
+
+def test_light_is_steadied_where_one_channel_of_one_camera_changes_enough() -> None:
+    bound = LIGHT_STEADYING.threshold
+    still, changing = np.zeros((4, 3)), np.zeros((4, 3))
+    changing[2, 1] = 1.1 * bound
+    found = LIGHT_STEADYING.decide(drifting(still, changing), bound)
+    assert found is not None
+    assert (found.on, found.measured) == (True, pytest.approx(1.1 * bound))
+    assert "0.06 stops in cam01" in found.reason
+    changing[2, 1] = 0.9 * bound
+    quiet = LIGHT_STEADYING.decide(drifting(still, changing), bound)
+    assert quiet is not None
+    assert not quiet.on
+
+
+def test_pictures_whose_light_nothing_tells_decide_nothing() -> None:
+    """One that is hidden counts for nothing among those that are not, and a camera of which none is left, too."""
+    hidden = np.zeros((4, 3))
+    hidden[1] = UNTOLD
+    found = LIGHT_STEADYING.decide(drifting(hidden, np.full((4, 3), UNTOLD)), LIGHT_STEADYING.threshold)
+    assert found is not None
+    assert (found.on, found.measured) == (False, 0.0)
+    nothing = LIGHT_STEADYING.decide(drifting(np.full((4, 3), UNTOLD)), LIGHT_STEADYING.threshold)
+    assert nothing is not None
+    assert (nothing.on, nothing.measured) == (False, None)
+    assert LIGHT_STEADYING.decide(SimpleNamespace(noted={}), LIGHT_STEADYING.threshold) is None
+
+
+@pytest.mark.parametrize(
+    ("facts", "why"),
+    [
+        ({"person_matte"}, "single frame"),
+        ({"several_frames", "plate_matte", "linear_light"}, "linear light"),
+        ({"several_frames", "given_matte"}, "masks are given"),
+        ({"several_frames", "plate_matte"}, None),
+    ],
+)
+def test_light_is_steadied_only_where_a_plate_tells_it(facts: set[str], why: str | None) -> None:
+    lacks = LIGHT_STEADYING.lacks(drifting(np.zeros((4, 3)), facts=frozenset(facts)))
+    assert (lacks is None) if why is None else (lacks is not None and why in lacks)

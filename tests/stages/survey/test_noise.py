@@ -85,3 +85,11 @@ def test_averaging_of_reduced_pictures_leaves_faint_motion_alone() -> None:
         return float(np.sqrt((off[:, 66:82] ** 2).mean()))
 
     assert error(noise_at(levels, 0.25)) < error(0.0) < error(noise_at(levels, 1.0))
+
+
+@pytest.mark.parametrize("brighter", [0.8, 1.25])
+def test_light_that_changes_is_no_noise(brighter: float) -> None:
+    first, second = filmed(0, 4.0), np.random.default_rng(1).normal(120, 4.0, (512, 512, 3)) * brighter
+    lit = np.clip(np.rint(second), 0, 255).astype(np.uint8)
+    # Rounding and a quarter of the pixels, as above.
+    assert unrest(first, lit) == pytest.approx(4.0, rel=0.15)
