@@ -12,7 +12,7 @@ from posegaussian.stages.contract.judged import DEPTH, MATTES, NONE, cannot_judg
 from posegaussian.stages.depth.methods.registry import BY_PICTURES, METHODS
 from posegaussian.stages.depth.methods.sgbm import METHOD as SGBM
 from posegaussian.stages.depth.params import AUTO, PICKED, DepthParams, method_choice
-from posegaussian.stages.geometry.pairs import NARROW, neighbour_angles
+from posegaussian.stages.geometry.pairs import NARROW, NEAR, neighbour_angles
 from posegaussian.storage.model.cameras import Rig
 
 TIE = 0.1
@@ -20,14 +20,6 @@ TIE = 0.1
 scenes (like captures 1-8; plain 1, 2, 5, 6 with six cameras, 3, 4, 7 with eight; 512 px) sgbm leads the sweep by 0.03
 to 0.1 dB on three: held-out pictures are 0.21 and 0.41 dB worse with it on two and 0.41 better on one, and the network,
 which then refines both, adds 0.1 to 0.4 more to what the sweep made. Nowhere does it lead by more."""
-NEAR = 50.0
-"""Degrees within which every source view has two neighbours: up to there sgbm is not asked, which would take two fifths
-of the judge's time. In finished pictures of twelve people with eight or sixteen cameras 22 to 45 degrees apart (384 px;
-docs/measurements/quality.md) it is 0.03 dB worse than the sweep on the mean, from -0.18 to +0.21, and left-out views do
-not tell where it is better. Of fewer cameras they tell on eight of nine people, where it is up to 0.37 dB worse and
-0.49 better; on `balance` and `desk` it is better by 0.14 and 0.22. Nor is it asked where a view has no neighbour within
-`NARROW`: of seven people before four cameras all around it is 0.3 dB worse on the mean, from -0.4 to +1.5
-(docs/measurements/rigs.md), and left-out views took it where it is 1.4 dB worse."""
 AHEAD = 1.0
 """dB by which a surface that no picture has a say in must lead those that match. A left-out view is drawn across a gap
 twice as wide as any that a run draws: there pairs are hardly comparable, and matching looks no better than the hull, or
@@ -43,7 +35,16 @@ def by_pictures(params: DepthParams, facts: Facts) -> bool:
 
 
 def tried(rig: Rig, sources: Sequence[int]) -> tuple[str, ...]:
-    """The methods of `BY_PICTURES` that left-out source views are drawn by."""
+    """The methods of `BY_PICTURES` that left-out source views are drawn by.
+
+    Where every source view has two neighbours within `NEAR` sgbm is not asked, which would take two fifths of the
+    judge's time. In finished pictures of twelve people with eight or sixteen cameras 22 to 45 degrees apart (384 px;
+    docs/measurements/quality.md) it is 0.03 dB worse than the sweep on the mean, from -0.18 to +0.21, and left-out
+    views do not tell where it is better. Of fewer cameras they tell on eight of nine people, where it is up to 0.37 dB
+    worse and 0.49 better; on `balance` and `desk` it is better by 0.14 and 0.22. Nor is it asked where a view has no
+    neighbour within `NARROW`: of seven people before four cameras all around it is 0.3 dB worse on the mean, from -0.4
+    to +1.5 (docs/measurements/rigs.md), and left-out views took it where it is 1.4 dB worse.
+    """
     near = len(sources) > 2 and float(neighbour_angles(rig, sources, 2).max()) <= NEAR
     far = len(sources) > 1 and float(neighbour_angles(rig, sources, 1).max()) > NARROW
     return tuple(name for name in BY_PICTURES if not ((near or far) and name == SGBM.name))

@@ -20,6 +20,8 @@ MAX_ANGLE = 105.0
 NARROW = 66.0
 """Degrees at the subject up to which two views see most of the same surface: a view with no two such partners leaves
 much of what it shows to its limbs."""
+NEAR = 50.0
+"""Degrees at the subject within which two neighbours leave little of a view to chance."""
 SHOWN = 75.0
 """Degrees up to which what lies between two views is shown without being asked for: five cameras all around are drawn
 whole (docs/measurements/rigs.md), four are not."""
@@ -88,6 +90,11 @@ def neighbour_angles(rig: Rig, sources: Sequence[int], nth: int = 1) -> np.ndarr
     cosine = np.clip(rays @ rays.T, -1.0, 1.0)
     np.fill_diagonal(cosine, -1.0)
     return np.asarray(np.rad2deg(np.arccos(np.sort(cosine, axis=1)[:, -nth])))
+
+
+def far_apart(rig: Rig, views: Sequence[int]) -> bool:
+    """Whether half of the views, or more, have no two neighbours within `NEAR`."""
+    return len(views) < 3 or bool(np.mean(neighbour_angles(rig, views, 2) > NEAR) >= 0.5)
 
 
 def classify(

@@ -12,12 +12,14 @@ import numpy as np
 
 from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.stages.depth.algorithms.scene import Geometry, Maps
-from posegaussian.stages.geometry.pairs import angle_at
+from posegaussian.stages.geometry.pairs import MAX_ANGLE, angle_at, far_apart
 from posegaussian.stages.matching.bounds import inverse
 from posegaussian.stages.matching.fuse import transfer
 
 APART = 80.0
-"""Degrees at the subject between views whose surfaces are compared: beyond, they share next to nothing."""
+"""Degrees at the subject between views whose surfaces are compared: beyond, they share next to nothing that nearer ones
+do not know better, and an uneven ring of eight loses 0.5 dB by those 105 degrees apart. Of views that stand far apart,
+which have no nearer ones, all that may be matched are (docs/measurements/rigs.md)."""
 TOLERANCE = 2.0
 """Px of motion in the neighbour that moves most, within which candidates support each other."""
 STEEP = 8.0
@@ -37,10 +39,10 @@ def agreed(geometry: Geometry, maps: Maps, limits: Maps) -> Maps:
     """
     rig, centre = geometry.rig, geometry.centre
     inverses = {v: inverse(z) for v, (z, _) in maps.items()}
-    out = {}
+    widest, out = MAX_ANGLE if far_apart(rig, geometry.views) else APART, {}
     for v in geometry.views:
         pixel = geometry.pixel(v)
-        others = [k for k in geometry.views if k != v and angle_at(centre, rig.centres[v], rig.centres[k]) <= APART]
+        others = [k for k in geometry.views if k != v and angle_at(centre, rig.centres[v], rig.centres[k]) <= widest]
         if not others or not pixel > 0:
             out[v] = maps[v]
             continue

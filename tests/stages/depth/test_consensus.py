@@ -78,6 +78,27 @@ def test_views_that_share_nothing_change_nothing(azimuths: tuple[float, ...]) ->
         assert np.array_equal(found[v][1], maps[v][1])
 
 
+@pytest.mark.parametrize("heard", [True, False])
+def test_views_ninety_degrees_apart_have_a_say_where_there_are_no_nearer_ones(heard: bool) -> None:
+    """A ring of four; and of eight, of which two others stand at 45 degrees and agree with nobody."""
+    count = 4 if heard else 8
+    rig = rig_of([camera(on_ring(360 / count * i), np.zeros(3)) for i in range(count)], (96, 96), 130.0)
+    geometry = Geometry.of(rig, tuple(range(count)), DepthParams())
+    truth = {v: sphere_depth(rig, v, np.zeros(3), RADIUS).astype(np.float32) for v in range(count)}
+    limits: Maps = {v: (np.where(z > 0, 0.1, 0).astype(np.float32), np.full_like(z, 9.0)) for v, z in truth.items()}
+    side, wrong = np.s_[40:56, 22:28], dict(truth)  # of what view 0 shows, what the next one sees, too
+    wrong[0] = truth[0].copy()
+    wrong[0][side] = inverse(inverse(truth[0]) * np.float32(1.03))[side]
+    maps = of(wrong)
+    maps[0][1][side] = 0.3
+    if not heard:  # nobody but views 90 degrees away knows better
+        for v in (1, 7):
+            maps[v] = (np.zeros_like(truth[v]), np.zeros_like(truth[v]))
+    found = agreed(geometry, maps, limits)[0][0]
+    mended = np.abs(found - truth[0])[side] < 0.2 * np.abs(wrong[0] - truth[0])[side]
+    assert (mended.mean() > 0.9) == heard
+
+
 def test_the_order_of_cameras_does_not_matter() -> None:
     random = np.random.default_rng(5)
     maps = of({v: moved(z, random.normal(0, 0.5, z.shape), v) for v, z in TRUTH.items()})
