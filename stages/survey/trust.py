@@ -38,7 +38,7 @@ ACCUSERS = 2
 NOTHING, SOMETHING = 12.0, 48.0
 """Brightness, of 255, within which pictures vary that show nothing, and by which those of the others must. Black ones
 with noise of 12 vary by 2, twelve simulated people of 192 and 512 px inside their masks by 49 to 201, `bust`, of
-marble, by 35 to 154."""
+marble, by 35 to 154; one in plain dark clothes, seen from behind, by 5, and with what lies around by 90."""
 BY_SILHOUETTES, BY_JOINTS = ("silhouette lies", "what the others leave"), ("joints lie", "those of the others")
 """What of a camera that is turned lies beside what."""
 WORDS = {"features": "matched features", "outlines": "outlines of masks", "joints": "joints"}
@@ -91,7 +91,8 @@ def _blank(contrast: np.ndarray) -> dict[int, Belief]:
     if 2 * nothing.sum() >= len(contrast) or not len(others) or np.median(others) < SOMETHING:
         return {}
     reason = (
-        "its pictures show nothing: the subject varies in brightness by {:.1f} of 255, of the other cameras by {:.0f}"
+        "its pictures show nothing: the brightness of the subject and what is around it varies by {:.1f} of 255, of the"
+        " other cameras by {:.0f}"
     )
     return {int(v): Belief(False, None, reason.format(contrast[v], np.median(others))) for v in np.flatnonzero(nothing)}
 

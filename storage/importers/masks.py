@@ -6,19 +6,22 @@ White is the subject. A capture without files of masks has those that the alpha 
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from posegaussian.storage.importers.common import all_below, file_stream, gap_notes, numbered, ranges, size_of
+from posegaussian.storage.importers.mask_range import RIGHT, Range, range_notes, ranges_of, value_range
 from posegaussian.storage.importers.numbering import as_numbered, told
 from posegaussian.storage.importers.posed_pictures import Files
 from posegaussian.storage.model.capture import Stream
 from posegaussian.storage.model.errors import SourceError
-from posegaussian.storage.model.masks import FOREGROUND, ROUND, foreground, rim_share
+from posegaussian.storage.model.masks import FOREGROUND, ROUND, foreground, line_widths, rim_share
 from posegaussian.storage.readers import images
+from posegaussian.storage.readers.mask_options import as_meant
 from posegaussian.storage.readers.video import VIDEO_SUFFIXES
 
 _LOOKED_AT = 5
@@ -67,8 +70,10 @@ def mask_file_streams(
     streams, sizes = _sized(names, fitting, pictures)
     notes += sizes
     notes += gap_notes(names, streams, [s.numbers for s in pictures], "masks")
+    streams, lines = _without_lines(names, streams)
     kinds, more = _of_values(names, streams, labels)
-    return tuple(replace(s, options=dict(k)) for s, k in zip(streams, kinds, strict=True)), [*notes, *more]
+    read = [replace(s, options={**s.options, **k}) for s, k in zip(streams, kinds, strict=True)]
+    return tuple(read), [*notes, *lines, *more]
 
 
 def masks_beside(root: Path, images_root: Path, camera: str, pictures: Files) -> dict[int, Path]:
@@ -152,18 +157,44 @@ def _sized(
     return streams, notes
 
 
-def _of_values(
-    names: Sequence[str], streams: Sequence[Stream], labels: bool
-) -> tuple[list[dict[str, bool]], list[str]]:
+def _without_lines(names: Sequence[str], streams: Sequence[Stream]) -> tuple[list[Stream], list[str]]:
+    """(streams whose masks are read without a line that was drawn along the pictures' edges, notes), by a few of every
+    view's masks: most have it."""
+    widths = {}
+    for name, stream in zip(names, streams, strict=True):
+        masks = list(_read(stream, _LOOKED_AT))
+        white = max(int(m.max()) for m in masks)
+        found = np.sort([line_widths(m > white // 2) for m in masks], axis=0)
+        widths[name] = found[(len(found) - 1) // 2].tolist()
+    lined = [n for n, found in widths.items() if any(found)]
+    if not lined:
+        return list(streams), []
+    whose = "" if len(lined) == len(names) else f" of {', '.join(lined)}"
+    note = (
+        f"masks{whose} are white in a line of up to {max(map(max, widths.values()))} px along the pictures' edges and"
+        " black beside it: it was drawn, is no subject, and is read as what lies beside it"
+    )
+    options: list[dict[str, Any]] = [{"line": found} if any(found) else {} for found in widths.values()]
+    return [replace(s, options=o) for s, o in zip(streams, options, strict=True)], [note]
+
+
+def _read(stream: Stream, most: int | None = None) -> Iterator[np.ndarray]:
+    """A view's masks [h, w] uint8 as its options say they are read, or about so many of them."""
+    for file in stream.files[:: max(1, len(stream.files) // most) if most else 1]:
+        yield as_meant(images.read_mask(file.path), stream.options)
+
+
+def _of_values(names: Sequence[str], streams: Sequence[Stream], labels: bool) -> tuple[list[dict[str, Any]], list[str]]:
     """(how the values of every view's masks are read, notes), by a few masks of each. Raises SourceError for masks of
     which none holds anything, and where no camera's hold any white."""
-    values, rims = {}, []
+    values, rims, seen = {}, {}, dict[str, Range | None]()
     for name, stream in zip(names, streams, strict=True):
-        masks = [images.read_mask(f.path) for f in stream.files[:: max(1, len(stream.files) // _LOOKED_AT)]]
+        masks = list(_read(stream, _LOOKED_AT))
         values[name] = {int(v) for m in masks for v in np.flatnonzero(np.bincount(m.ravel()))} - {0}
-        rims.append(float(np.mean([rim_share(m > max(values[name], default=0) // 2) for m in masks])))
+        rims[name] = float(np.mean([rim_share(m > max(values[name], default=0) // 2) for m in masks]))
+        seen[name] = value_range(masks)
     empty = [n for n, held in values.items() if not held]
-    if len(empty) == len(streams) and not any(images.read_mask(f.path).any() for s in streams for f in s.files):
+    if len(empty) == len(streams) and not any(m.any() for s in streams for m in _read(s)):
         raise SourceError(
             f"masks hold nothing: all are 0 throughout, such as {streams[0].files[0].path}; write the subject white"
             " into them, or move them away to have it cut out without"
@@ -173,15 +204,19 @@ def _of_values(
         notes.append(
             f"masks of {', '.join(empty)} hold nothing in the frames looked at: is the subject not seen there?"
         )
+    kinds: list[dict[str, Any]]
     if labels:
         kinds = [{"labels": True}] * len(names)
         told = ["masks hold labels of body parts; whatever is not 0 is the subject"]
     else:
         kinds, told = _spread(values, streams)
-    return kinds, [*notes, *told, *_of_rims(dict(zip(names, rims, strict=True)))]
+        ranges = ranges_of({n: RIGHT if kind else seen[n] for n, kind in zip(names, kinds, strict=True)})
+        kinds = [k or ({} if r == RIGHT else {"range": list(r)}) for k, r in zip(kinds, ranges.values(), strict=True)]
+        told = [*told, *range_notes(ranges)]
+    return kinds, [*notes, *told, *_of_rims(rims)]
 
 
-def _spread(values: Mapping[str, set[int]], streams: Sequence[Stream]) -> tuple[list[dict[str, bool]], list[str]]:
+def _spread(values: Mapping[str, set[int]], streams: Sequence[Stream]) -> tuple[list[dict[str, Any]], list[str]]:
     """(what makes white of the subject, notes) for every view, by the values other than 0 in those of its masks that
     were looked at: {camera: values}. One value below white is the subject, as 1 and other labels are; several are a
     soft rim or noise, which count as nothing. Raises SourceError where no mask holds anything else."""
@@ -209,7 +244,7 @@ def _spread(values: Mapping[str, set[int]], streams: Sequence[Stream]) -> tuple[
             f"masks of {', '.join(faint)} hold nothing above {FOREGROUND} in the frames looked at, so nobody is seen"
             " there; the subject is 255"
         )
-    kinds = {n: {"zero_one": True} if v == 1 else {"labels": True} for n, v in label.items()}
+    kinds: dict[str, dict[str, Any]] = {n: {"zero_one": True} if v == 1 else {"labels": True} for n, v in label.items()}
     # A camera that sees nobody in the frames looked at is read as all the others are.
     common = next(iter(kinds.values())) if alike else {}
     return [kinds.get(n, {} if held else common) for n, held in values.items()], notes
@@ -218,8 +253,7 @@ def _spread(values: Mapping[str, set[int]], streams: Sequence[Stream]) -> tuple[
 def _is_patch(stream: Stream, value: int) -> bool:
     """Whether all masks of a view hold 0 and one value alone, and that in patches, as a subject, not in specks."""
     inner = whole = 0
-    for file in stream.files:
-        mask = images.read_mask(file.path)
+    for mask in _read(stream):
         held = mask > 0
         if (mask[held] != value).any():
             return False
@@ -230,7 +264,7 @@ def _is_patch(stream: Stream, value: int) -> bool:
 
 def _has_white(stream: Stream) -> bool:
     """Whether any mask of a view holds the subject."""
-    return any(foreground(images.read_mask(f.path)).any() for f in stream.files)
+    return any(foreground(m).any() for m in _read(stream))
 
 
 def _of_rims(rims: Mapping[str, float]) -> list[str]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 FOREGROUND = 127
@@ -22,3 +24,33 @@ def rim_share(inside: np.ndarray) -> float:
 ROUND = 0.75
 """Share of a picture's rim beyond which a mask goes around the picture, and not a subject through it: it marks the
 background, or nothing is cut out. A person filmed so near that only the head is whole has half of it."""
+
+_WIDEST = 3
+"""Px that a line along a picture's edge is wide at most."""
+_LINE, _BESIDE = 0.9, 0.5
+"""Share of an edge that a line makes white at least, and of the pixels beside it that may be the subject's: one that
+the edge cuts off is as wide there as at the edge."""
+
+
+def line_widths(inside: np.ndarray) -> tuple[int, ...]:
+    """[4] px of a line that was drawn along the edges of a mask [h, w] bool, such as a frame around a region: along its
+    top, right, bottom and left; 0 of one without."""
+    found = []
+    for quarter in range(4):
+        edge = np.rot90(inside, quarter)[: _WIDEST + 2]
+        share = edge.mean(axis=1)
+        width = int(np.argmin(share >= _LINE))
+        drawn = width + 1 < len(share) and share[width] <= _BESIDE
+        found.append(width if drawn else 0)
+    return tuple(found)
+
+
+def without_line(mask: np.ndarray, widths: Sequence[int]) -> np.ndarray:
+    """A mask [h, w] whose edges show what lies inwards of a line of these widths, `line_widths`, and of the pixel
+    beside it, which compression or scaling has made grey: a subject that the edge cuts off stays so."""
+    out = mask.copy()
+    for quarter, width in enumerate(widths):
+        edge = np.rot90(out, quarter)
+        if width:
+            edge[: width + 1] = edge[width + 1]
+    return out

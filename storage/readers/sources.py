@@ -28,6 +28,7 @@ from posegaussian.storage.model.capture import Capture, SourceFile, Stream
 from posegaussian.storage.model.errors import SourceError
 from posegaussian.storage.model.joint_sets import joint_set
 from posegaussian.storage.readers import hdf5, images
+from posegaussian.storage.readers.mask_options import as_meant
 from posegaussian.storage.readers.video import VideoFile
 
 TABLES = 32
@@ -138,7 +139,7 @@ class Masks(_Source):
 
     def read(self, view: int, numbers: Sequence[int]) -> Iterator[np.ndarray]:
         """[h, w] uint8, 0..255 foreground, for each frame number, in pixels of its picture, whatever the mask's own
-        are; masks of 0 and 1 are spread to 0 and 255, of labels of parts all but 0 are 255. Raises SourceError."""
+        are, and as the import found that they are meant (`as_meant`). Raises SourceError."""
         for mask in self._given(view, numbers):
             yield images.resized(mask, self._shown[view])
 
@@ -150,11 +151,9 @@ class Masks(_Source):
             for n, index in zip(numbers, self._indices(view, numbers), strict=True):
                 yield self._sized(view, int(n), hdf5.read_mask(file, stream.options["data"], index))
             return
-        options = stream.options
-        factor = np.uint8(255 if options.get("zero_one") or options.get("labels") else 1)
         for n, path in zip(numbers, self._files(view, numbers), strict=True):
-            mask = self._sized(view, int(n), images.read_mask(path, bool(options.get("alpha"))))
-            yield (mask > 0 if options.get("labels") else mask) * factor
+            mask = self._sized(view, int(n), images.read_mask(path, bool(stream.options.get("alpha"))))
+            yield as_meant(mask, stream.options)
 
 
 class Depth(_Source):

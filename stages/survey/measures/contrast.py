@@ -27,7 +27,7 @@ class ContrastLook(Look):
         self._nothing = UNKNOWN if s.is_source else 0.0
 
     def see(self, number: int, picture: np.ndarray, shown: np.ndarray) -> None:
-        """Contrast of one frame, inside its mask."""
+        """Contrast of one frame, inside its mask and around it."""
         from posegaussian.stages.survey.algorithms.light import contrast
 
         mask = next(iter(self._masks.read(self._view, [number]))) if self._masks is not None else None
@@ -46,8 +46,8 @@ MEASURE = Measure(
             ("view",),
             "float64",
             "1/255",
-            "By how much a view's pictures vary in brightness, sRGB, inside its masks where there are any: median of 5"
-            " frames; -1 where masks are empty.",
+            "By how much a view's pictures vary in brightness, sRGB, where there are masks inside them or, if that is"
+            " more, in the box around them: median of 5 frames; -1 where masks are empty.",
             when=CONTRAST,
             noted=True,
         ),

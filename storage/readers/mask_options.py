@@ -1,0 +1,27 @@
+"""Masks as their import found that they are to be read: what its options make of a file's values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from posegaussian.storage.model.masks import without_line
+
+
+def as_meant(mask: np.ndarray, options: Mapping[str, Any]) -> np.ndarray:
+    """[h, w] uint8, 0..255 foreground, of a mask [h, w] uint8 as its file holds it and its stream's options: `line`
+    is what `line_widths` found, with `zero_one` masks hold 0 and 1, with `labels` all but 0 is the subject, and `range`
+    are the values that mean 0 and 255."""
+    if line := options.get("line"):
+        mask = without_line(mask, line)
+    if options.get("labels"):
+        return np.where(mask > 0, np.uint8(255), np.uint8(0))
+    if options.get("zero_one"):
+        return mask * np.uint8(255)
+    if ends := options.get("range"):
+        black, white = ends
+        spread = np.rint((np.arange(256) - black) * (255 / (white - black)))
+        return np.clip(spread, 0, 255).astype(np.uint8)[mask]
+    return mask
