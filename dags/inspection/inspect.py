@@ -118,7 +118,7 @@ def footage_of(context: Context, joints: Any = None) -> tuple[Footage, list[Find
     facts = {"masks": MASKS, "joints": JOINTS2D, "joints3d": JOINTS3D}
     joint_crops = np.tile([1.0, 0.0, 0.0], (len(views), 1)) if as_calibrated else crops
     numbers = [np.intersect1d(s.numbers, context.source_frames) for s in streams]
-    captured = np.array([s.size for s in streams])
+    captured, runs = np.array([s.size for s in streams]), capture.repeats(context.source_frames)
     return (
         Footage(
             scope_of(rig, source_rig, crops, Facts(frozenset(facts[k] for k in readers if k in facts))),
@@ -127,6 +127,7 @@ def footage_of(context: Context, joints: Any = None) -> tuple[Footage, list[Find
             numbers,
             capture.frame_rate,
             readers,
+            repeats={v: runs[view] for v, view in enumerate(views) if streams[v].kind == "images"},
         ),
         sizes,
     )

@@ -64,6 +64,9 @@ class MaskReader(Protocol):
     def read(self, view: int, numbers: Sequence[int]) -> Iterator[np.ndarray]:
         """[h, w] uint8, 0..255 soft foreground, in the captured picture's pixels, for each frame number."""
 
+    def turned(self, view: int, numbers: Sequence[int]) -> list[int]:
+        """Of frame numbers that were read, those whose masks marked the background and came the other way round."""
+
 
 class JointReader(Protocol):
     """2D joints as given with the capture."""

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from posegaussian.stages.frames.params import Matte
-from posegaussian.storage.model.masks import ROUND, foreground, rim_share
+from posegaussian.storage.model.masks import ALL_AROUND, NEARLY_EMPTY, ROUND, foreground, rim_share
 
-NEARLY_EMPTY = 0.002
-"""Share of the picture below which a mask holds nobody."""
 NEARLY_FULL = 0.7
 MUCH = 0.3
 """Share of the subject's body behind somebody else from which on it is said."""
@@ -37,11 +35,26 @@ def goes_around(given: np.ndarray) -> bool:
     return bool(not inside.all() and rim_share(inside) > ROUND)
 
 
-def around_doubts(around: int, count: int) -> tuple[str, ...]:
-    """The sentence on `around` of `count` given masks of one view for which `goes_around`; none of less than half."""
-    if 2 * around <= count:
-        return ()
-    return (f"{around} of {count} masks are white along more than {ROUND:.0%} of the picture's rim; {MARKED}",)
+def around_told(around: list[int], turned: list[int], count: int) -> tuple[str, ...]:
+    """Sentences on the source frames of one view, of `count`, whose given masks go around the picture (`goes_around`),
+    and on those that were read the other way round; none without any."""
+    told = []
+    if turned:
+        told.append(
+            f"masks of {_frames(turned)} are white along more than {ALL_AROUND:.0%} of the picture's rim, unlike the"
+            " camera's others, and are read the other way round; the subject must be white: write them so and import"
+            " the capture again"
+        )
+    if around:
+        told.append(
+            f"{len(around)} of {count} masks are white along more than {ROUND:.0%} of the picture's rim, those of"
+            f" {_frames(around)}; {MARKED}"
+        )
+    return tuple(told)
+
+
+def _frames(numbers: list[int]) -> str:
+    return f"frame{'s' if len(numbers) > 1 else ''} {', '.join(map(str, numbers))}"
 
 
 def doubts(mask: np.ndarray, matte: Matte) -> tuple[str, ...]:

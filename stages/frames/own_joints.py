@@ -22,7 +22,7 @@ SIDES = {
 def own_joints(joints: np.ndarray, set_id: str) -> np.ndarray:
     """[J, 4] (x, y, z, score) world metres of a person [J, 4], score 0 outwards from a bone of arm or leg that is
     longer than theirs can be."""
-    out, reach = joints.copy(), LONGEST * _size(joints, set_id)
+    out, reach = joints.copy(), LONGEST * person_size(joints, set_id)
     for inner, outer, length in _bones(set_id):
         too_long = np.linalg.norm(joints[inner, :3] - joints[outer, :3]) > reach * length
         if joints[inner, 3] > 0 and (too_long or out[inner, 3] <= 0):
@@ -33,7 +33,7 @@ def own_joints(joints: np.ndarray, set_id: str) -> np.ndarray:
 def not_too_broad(joints: np.ndarray, subject: np.ndarray, set_id: str) -> np.ndarray:
     """[J, 4] joints of somebody else [J, 4]: of shoulders or hips that lie too far apart, the one nearer to the middle
     of the subject [J, 4] moved towards its twin, with all that hangs on it."""
-    out, names, size = joints.copy(), joint_set(set_id).names, _size(joints, set_id)
+    out, names, size = joints.copy(), joint_set(set_id).names, person_size(joints, set_id)
     middle = np.median(subject[subject[:, 3] > 0, :3], axis=0)
     for part, (breadth, limb) in SIDES.items():
         pair = [j for j, n in enumerate(names) if n in ("L" + part, "R" + part) and joints[j, 3] > 0]
@@ -59,8 +59,9 @@ def _bones(set_id: str) -> list[tuple[int, int, float]]:
     return sorted(found, key=lambda bone: OUTWARD.index(known.names[bone[0]][1:]))
 
 
-def _size(joints: np.ndarray, set_id: str) -> float:
-    """A person's size over that of a grown one, by the median bone of joints [J, 4]; 1 where none is known."""
+def person_size(joints: np.ndarray, set_id: str) -> float:
+    """A person's size over that of a grown one, by the median bone of arms and legs of joints [J, 4]; 1 where none is
+    known."""
     bones = [(joints[a], joints[b], length) for a, b, length in _bones(set_id)]
     found = [float(np.linalg.norm(a[:3] - b[:3])) / length for a, b, length in bones if a[3] > 0 and b[3] > 0]
     return max(float(np.median(found)), 1e-6) if found else 1.0

@@ -20,7 +20,7 @@ from posegaussian.stages.frames.facts import (
     OUTLINE_CORRECTION,
     TONE_MAPPING,
 )
-from posegaussian.stages.frames.mask_doubts import MUCH, around_doubts, doubts, goes_around, hidden_told
+from posegaussian.stages.frames.mask_doubts import MUCH, around_told, doubts, goes_around, hidden_told
 from posegaussian.stages.frames.params import FramesParams, resolve_matte
 from posegaussian.stages.frames.person_matte import person_matte
 from posegaussian.stages.frames.plate_matte import UNSEEN, plate_matte
@@ -139,12 +139,12 @@ def _fill_mask(
     """Fill mask [F, h, w] of one view; sentences about what was missing."""
     (width, height), matte = warp.size, resolve_matte(params, inputs.facts)
     if matte == "given":
-        inwards, around = _offset(inputs), 0
-        for frame, given in zip(present, inputs.source("masks").read(inputs.view, numbers), strict=True):
+        inwards, reader, around = _offset(inputs), inputs.source("masks"), list[int]()
+        for frame, number, given in zip(present, numbers, reader.read(warp.view, numbers), strict=True):
             _same_size(warp, "mask", given)
-            around += goes_around(given)
+            around += [number] if goes_around(given) else []
             _place(mask[frame], warp(moved(given, inwards)))
-        return around_doubts(around, len(present))
+        return around_told(around, reader.turned(warp.view, numbers), len(present))
     if matte == "none":
         mask[present, :height, :width] = warp.coverage
         return ()

@@ -1,4 +1,5 @@
-"""What a calibration says of itself: sizes, lens, principal point, where the cameras look. No picture is needed."""
+"""What a calibration says of itself, and what files of pictures say: sizes, lens, principal point, where the cameras
+look, frames that are lacking or shown twice. No picture is needed."""
 
 from __future__ import annotations
 
@@ -10,7 +11,7 @@ import numpy as np
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.imaging.camera_mapping import distort, one_to_one
 from posegaussian.stages.inspection.finding import COUNTED, Finding, FindingVerdict, measured, unmeasured
-from posegaussian.stages.inspection.footage import shared_numbers
+from posegaussian.stages.inspection.footage import Footage, shared_numbers
 from posegaussian.storage.model.cameras import Rig
 
 DISPLACED = (0.1, 0.25)
@@ -28,6 +29,8 @@ COVERED = (0.95, 0.8)
 """Share of the calibrated picture that the captured one fills after `frames.crop`; 0.96 is a letterbox of 4 %."""
 MISSING = (0.02, 0.2)
 """Share of the frames that a camera lacks."""
+REPEATED = (0.02, 0.2)
+"""Share of the frames in which a camera shows the picture before once more, while others go on: as bad as `MISSING`."""
 LINES = ("epipolar distance", "agreement")
 """Measures of whether what a camera shows lies where its calibration says."""
 FARTHEST = 9.99
@@ -229,6 +232,35 @@ def of_frames(names: tuple[str, ...], numbers: list[np.ndarray], believed: tuple
         )
         out.append(measured("frames", [name], lacking, "of the frames missing", *MISSING, told, advice))
     return out
+
+
+def of_repeats(footage: Footage) -> list[Finding]:
+    """Whether a camera's recording stood still: of every camera with several files of pictures. One whose mask holds
+    nobody is no fault: what it shows may well stay the same."""
+    out = []
+    for v, runs in footage.repeats.items():
+        numbers = footage.numbers[v]
+        shown = [r for r in runs if "masks" not in footage.readers or footage.shows("masks", v, r[0])]
+        if len(numbers) > 1:
+            out.append(_repeated(footage.names[v], numbers, shown))
+    return out
+
+
+def _repeated(name: str, numbers: np.ndarray, runs: Sequence[tuple[int, int]]) -> Finding:
+    again = sum(int(((numbers > first) & (numbers <= last)).sum()) for first, last in runs)
+    told = "no picture is the one before it once more while other cameras' change"
+    if runs:
+        first, last = max(runs, key=lambda run: run[1] - run[0])
+        told = (
+            f"{again} of {len(numbers)} pictures are the one before once more, while other cameras' change: frames"
+            f" {first} to {last} show the same"
+        )
+    advice = (
+        "its recording stood still, or files were copied: give it the right pictures, leave these frames out"
+        " (frames.range) or the camera (views.sources); masks of others that contradict it there are no fault of theirs"
+    )
+    share = again / max(1, len(numbers))
+    return measured("repeated pictures", [name], share, "of the frames", *REPEATED, told, advice)
 
 
 def _cut(numbers: list[np.ndarray], believed: tuple[int, ...]) -> str:

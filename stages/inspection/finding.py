@@ -33,6 +33,7 @@ ORDER = (
 IMPACT = (
     "picture size",
     "frames",
+    "repeated pictures",
     "somebody in sight",
     "aim",
     "agreement",
@@ -45,6 +46,7 @@ IMPACT = (
     "epipolar distance",
     "matte",
     "people",
+    "stature",
     "partners",
     "neighbours",
     "cameras",

@@ -12,7 +12,6 @@ import numpy as np
 
 from posegaussian.stages.contract.facts import JOINTS3D, Facts
 from posegaussian.stages.contract.io import Inputs, TaskScope, Views
-from posegaussian.stages.frames.mask_doubts import NEARLY_EMPTY
 from posegaussian.stages.geometry.triangulation import triangulate
 from posegaussian.stages.imaging.color import to_display
 from posegaussian.stages.imaging.small_turns import turned
@@ -21,7 +20,7 @@ from posegaussian.stages.inspection.joint_fit import joint_offsets, most_joints,
 from posegaussian.stages.survey.algorithms.joints import RESIDUAL, SCORE, people_of, seen_joints
 from posegaussian.stages.survey.algorithms.silhouettes import masks_of
 from posegaussian.storage.model.cameras import Rig
-from posegaussian.storage.model.masks import foreground
+from posegaussian.storage.model.masks import NEARLY_EMPTY, foreground
 
 PICTURES = 12
 """Pictures in which features are looked for, over all cameras: some seconds."""
@@ -124,6 +123,9 @@ class Footage:
     readers: Mapping[str, Any]
     """Readers by kind: pictures always; masks of all views, joints and joints3d where there are any; the estimator by
     which a run finds joints, where it does."""
+    repeats: Mapping[int, Sequence[tuple[int, int]]] = field(default_factory=dict)
+    """{view: runs (first, last) of frames throughout which its picture files are the same while most others' change} of
+    cameras with a file a picture."""
     pictures: dict[tuple[int, int], np.ndarray] = field(default_factory=dict)
     """(view, number) -> [h, w, 3] uint8 without lens, as far as they were read."""
     told: dict[tuple[str, int, int], bool] = field(default_factory=dict)

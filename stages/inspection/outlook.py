@@ -53,6 +53,7 @@ COSTS = {
     "clipped white": "what is clipped has lost its colour",
     "focus": "blurred pictures stay blurred",
     "blur against others": "blurred pictures stay blurred",
+    "repeated pictures": "a camera that stands still contradicts the others",
     "frames": "frames that a camera lacks are made without it",
 }
 """What a doubtful measure does to the pictures; figures from docs/measurements/quality.md."""

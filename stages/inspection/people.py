@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from math import inf
 
 import numpy as np
@@ -12,11 +13,15 @@ from posegaussian.stages.contract.io import PictureReader
 from posegaussian.stages.estimators.blazepose_files import FETCH
 from posegaussian.stages.estimators.interface import Estimator
 from posegaussian.stages.estimators.turned import Turned, quarter_turns
+from posegaussian.stages.frames.own_joints import person_size
+from posegaussian.stages.geometry.subject import STATURE
+from posegaussian.stages.geometry.triangulation import triangulate
 from posegaussian.stages.imaging.color import to_display
 from posegaussian.stages.inspection.finding import Finding, FindingVerdict, measured, unmeasured
-from posegaussian.stages.inspection.footage import Footage
-from posegaussian.stages.inspection.joint_fit import people
+from posegaussian.stages.inspection.footage import LOOSE, Footage
+from posegaussian.stages.inspection.joint_fit import FEWEST, people
 from posegaussian.stages.inspection.planned import Planned
+from posegaussian.stages.survey.algorithms.joints import RESIDUAL, SCORE, seen_joints
 from posegaussian.storage.model.cameras import Rig
 
 MEASURE = "people"
@@ -36,6 +41,10 @@ SHOWN = (0.02, 0.01)
 """Share of the pictures that show somebody: one of them is enough, as the subject may walk in and out."""
 SHOWN_BY_ONE = (SHOWN[0], -inf)
 """The same of one camera; never bad, as others show the subject."""
+SIZE = "stature"
+TALL, SMALL = (2.5, inf), (0.5, -inf)
+"""Metres that a person is tall, above or below which the unit of the poses is another; never bad, as pictures come out
+the same: only what is measured in metres, such as exported splats, does not."""
 OTHERS = 2
 """Cameras that show somebody, from which on one that shows nobody is odd."""
 
@@ -55,6 +64,37 @@ class Finder:
             found = Turned(self._estimator, quarter_turns(self._rig, view)).find(to_display(picture), MOST)
             self._seen[view, number] = np.asarray(found.joints[found.presence >= SURE], dtype=np.float64)
         return self._seen[view, number]
+
+
+def of_stature(footage: Footage) -> list[Finding]:
+    """Whether the subject is as tall as people are, by arms and legs that two cameras show; nothing where no joints
+    tell, or joints in space may be of no person."""
+    known = [j for j in _in_space(footage) if (j[:, 3] > 0).sum() >= FEWEST]
+    if not known:
+        return []
+    tall = STATURE * float(np.median([person_size(j, "coco17") for j in known]))
+    factor = STATURE / tall
+    told = f"the person is {tall:.2g} m tall, by arms and legs in {len(known)} frame{'s' * (len(known) > 1)}"
+    advice = (
+        f"if people are filmed, the poses have another unit: {factor:.3g} times as long, the person is {STATURE:g} m"
+        f" tall; import again with --option scale={factor:.3g}, times the scale of this import where it had one, or"
+        " with --option distance=CAM_A,CAM_B,METRES"
+    )
+    return [measured(SIZE, (), tall, "m", *(SMALL if tall < STATURE else TALL), told, advice)]
+
+
+def _in_space(footage: Footage) -> Iterator[np.ndarray]:
+    """[17, 4] joints (x, y, z, score), m, of the subject in each frame in which believed cameras show joints, given
+    ones, else those that the estimator finds."""
+    if len(footage.believed) < 2 or JOINTS3D in footage.facts:
+        return
+    if JOINTS2D in footage.facts:
+        yield from footage.joints[1]
+    elif "found" in footage.readers:
+        views, readers = list(footage.believed), {**footage.readers, "joints": footage.source("found")}
+        inputs = replace(footage, readers=readers, joint_crops=footage.captured_to_calibrated).joint_inputs
+        for number in footage.looked_at:
+            yield triangulate(footage.rig.subset(views), seen_joints(inputs, number, LOOSE)[views], SCORE, RESIDUAL)
 
 
 def of_people(footage: Footage, planned: Planned) -> list[Finding]:

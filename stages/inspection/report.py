@@ -9,7 +9,7 @@ import numpy as np
 
 from posegaussian.stages.geometry.sync import TimeOffsets
 from posegaussian.stages.imaging.small_turns import turned
-from posegaussian.stages.inspection.cameras import confirmed, of_aim, of_frames, of_lens
+from posegaussian.stages.inspection.cameras import confirmed, of_aim, of_frames, of_lens, of_repeats
 from posegaussian.stages.inspection.finding import (
     TO_MEND,
     Finding,
@@ -23,7 +23,7 @@ from posegaussian.stages.inspection.light import of_clipping, of_light
 from posegaussian.stages.inspection.matching import Matched, matched_pairs, of_matches
 from posegaussian.stages.inspection.outlook import expected, of_cameras, of_matte, pair_lines
 from posegaussian.stages.inspection.pairs import Rectified, every_pair, of_pairs
-from posegaussian.stages.inspection.people import of_people, of_sight, where_looked
+from posegaussian.stages.inspection.people import of_people, of_sight, of_stature, where_looked
 from posegaussian.stages.inspection.planned import Planned
 from posegaussian.stages.inspection.subject import (
     of_focus,
@@ -157,6 +157,7 @@ def inspect(footage: Footage, sizes: list[Finding], planned: Planned) -> Report:
         *of_focus(footage),
         *of_sight(footage),
         *of_people(footage, planned),
+        *of_stature(footage),
         of_matte(planned),
         of_cameras(planned),
         *of_pairs(planned, pairs),
@@ -166,8 +167,9 @@ def inspect(footage: Footage, sizes: list[Finding], planned: Planned) -> Report:
 
 
 def _of_calibration(footage: Footage) -> Iterator[Finding]:
-    """What needs no picture."""
+    """What needs no picture, or its file alone."""
     yield from of_frames(footage.names, footage.numbers, footage.believed)
+    yield from of_repeats(footage)
     for v in range(len(footage.rig)):
         yield from of_lens(footage.source_rig, v)
     yield from of_aim(footage.source_rig, footage.believed)

@@ -1,5 +1,5 @@
 """What every import says, whatever the layout: unit, direction, distances between cameras, captured against calibrated
-size, frames that some cameras lack, and pictures that use few of their bits."""
+size, frames that some cameras lack or show twice, and pictures that use few of their bits."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from posegaussian.storage.readers import images
 
 _LOOKED_AT = 8
 """Pictures whose largest value is looked at, each of another camera."""
+_RUNS = 4
+"""Runs of one picture that are named of a camera."""
 _BITS = (8, 10, 12)
 """Bits of cameras that write files of 16."""
 DIRECTION = "world to camera"
@@ -40,6 +42,7 @@ def accounted(capture: Capture, by_definition: bool) -> Capture:
         *rig_notes(rig),
         *_sizes(capture),
         *gaps,
+        *_repeats(capture),
         *_one_frame_apart(capture),
         *_few_bits(capture),
     )
@@ -70,6 +73,19 @@ def _one_frame_apart(capture: Capture) -> list[str]:
     told = f"videos have {min(lengths)} and {max(lengths)} frames and are taken to begin together"
     late = "where it is the first frame that is lacking, `inspect` shows who is late, and frames.time_offset moves them"
     return [f"{told}; {late}"]
+
+
+def _repeats(capture: Capture) -> list[str]:
+    """A sentence on every camera whose files of pictures stay the same while those of others change."""
+    notes = []
+    for name, runs in zip(capture.rig.names, capture.repeats(capture.numbers), strict=True):
+        if runs:
+            listed = ", ".join(f"frames {a} to {b}" for a, b in runs[:_RUNS]) + ", ..." * (len(runs) > _RUNS)
+            notes.append(
+                f"{name}: {listed} show the same picture, while other cameras' change: did its recording stand still?"
+                " Give it the right pictures, or leave it out with --option cameras or views.sources"
+            )
+    return notes
 
 
 def _few_bits(capture: Capture) -> list[str]:

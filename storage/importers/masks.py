@@ -19,7 +19,7 @@ from posegaussian.storage.importers.numbering import as_numbered, told
 from posegaussian.storage.importers.posed_pictures import Files
 from posegaussian.storage.model.capture import Stream
 from posegaussian.storage.model.errors import SourceError
-from posegaussian.storage.model.masks import FOREGROUND, ROUND, foreground, line_widths, rim_share
+from posegaussian.storage.model.masks import FOREGROUND, MOST, ROUND, foreground, line_widths, rim_share
 from posegaussian.storage.readers import images
 from posegaussian.storage.readers.mask_options import as_meant
 from posegaussian.storage.readers.video import VIDEO_SUFFIXES
@@ -187,11 +187,13 @@ def _read(stream: Stream, most: int | None = None) -> Iterator[np.ndarray]:
 def _of_values(names: Sequence[str], streams: Sequence[Stream], labels: bool) -> tuple[list[dict[str, Any]], list[str]]:
     """(how the values of every view's masks are read, notes), by a few masks of each. Raises SourceError for masks of
     which none holds anything, and where no camera's hold any white."""
-    values, rims, seen = {}, {}, dict[str, Range | None]()
+    values, rims, black, seen = {}, {}, [], dict[str, Range | None]()
     for name, stream in zip(names, streams, strict=True):
         masks = list(_read(stream, _LOOKED_AT))
         values[name] = {int(v) for m in masks for v in np.flatnonzero(np.bincount(m.ravel()))} - {0}
         rims[name] = float(np.mean([rim_share(m > max(values[name], default=0) // 2) for m in masks]))
+        # one that is not as the others are is read the other way round (`posegaussian.storage.readers.sources`)
+        black.append(float(np.median([(m > max(values[name], default=0) // 2).mean() for m in masks])) < MOST)
         seen[name] = value_range(masks)
     empty = [n for n, held in values.items() if not held]
     if len(empty) == len(streams) and not any(m.any() for s in streams for m in _read(s)):
@@ -213,6 +215,7 @@ def _of_values(names: Sequence[str], streams: Sequence[Stream], labels: bool) ->
         ranges = ranges_of({n: RIGHT if kind else seen[n] for n, kind in zip(names, kinds, strict=True)})
         kinds = [k or ({} if r == RIGHT else {"range": list(r)}) for k, r in zip(kinds, ranges.values(), strict=True)]
         told = [*told, *range_notes(ranges)]
+    kinds = [k | ({"mostly_black": True} if b else {}) for k, b in zip(kinds, black, strict=True)]
     return kinds, [*notes, *told, *_of_rims(rims)]
 
 

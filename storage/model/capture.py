@@ -11,6 +11,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache, cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
@@ -155,6 +156,12 @@ class Stream:
         )
         return digest([self.kind, shas, held, options])
 
+    def shas(self, numbers: Sequence[int] | np.ndarray) -> dict[int, str]:
+        """{frame number: digest of its file} of those frame numbers that have a file of their own, ascending."""
+        if self.kind in ONE_FILE:
+            return {}
+        return {n: self._file_of[n].sha256 for n in sorted({int(n) for n in numbers} & self._file_of.keys())}
+
     @cached_property
     def _index_of(self) -> dict[int, int]:
         """{frame number: what the file calls it}, where these differ."""
@@ -166,6 +173,16 @@ class Stream:
         return dict(
             zip(self.numbers, self.files * len(self.numbers) if len(self.files) == 1 else self.files, strict=True)
         )
+
+
+def _runs(own: Mapping[int, str], others: Sequence[Mapping[int, str]]) -> list[tuple[int, int]]:
+    """Of `Capture.repeats`, by the digests {frame number: digest} of one view and of all others."""
+    out: list[tuple[int, int]] = []
+    for a, b in pairwise(own):
+        changed = [o[a] != o[b] for o in others if a in o and b in o]
+        if own[a] == own[b] and 2 * sum(changed) > len(changed):
+            out = [*out[:-1], (out[-1][0], b)] if out and out[-1][1] == a else [*out, (a, b)]
+    return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,6 +254,12 @@ class Capture:
                     f" {own.numbers[-1]}) out of the frames {first} to {last}; set fewer frames"
                 )
         return replace(self, **{k: moved(k) for k in ("pictures", "masks", "joints", "depth")})  # type: ignore[arg-type]
+
+    def repeats(self, worked: Sequence[int] | np.ndarray) -> list[list[tuple[int, int]]]:
+        """[V] runs (first, last) of those source frames throughout which a view's picture files are the same, while
+        those of most other views change; none of views whose pictures lie in one file."""
+        shas = [s.shas(worked) for s in self.pictures]
+        return [_runs(own, [o for o in shas if o is not own]) for own in shas]
 
     def streams(self, kind: str) -> tuple[Stream | None, ...]:
         """Streams of a source kind: one of PER_VIEW, or joints3d (one entry)."""

@@ -25,6 +25,13 @@ ROUND = 0.75
 """Share of a picture's rim beyond which a mask goes around the picture, and not a subject through it: it marks the
 background, or nothing is cut out. A person filmed so near that only the head is whole has half of it."""
 
+MOST = 0.5
+"""Share of a picture beyond which a mask holds most of it."""
+ALL_AROUND = 0.9
+"""Share of the rim beyond which a mask that holds most of the picture is the wrong way round where its camera's others
+hold less: a person so near would leave next to nothing of the picture."""
+NEARLY_EMPTY = 0.002
+"""Share of the picture below which a mask holds nobody."""
 _WIDEST = 3
 """Px that a line along a picture's edge is wide at most."""
 _LINE, _BESIDE = 0.9, 0.5
@@ -54,3 +61,9 @@ def without_line(mask: np.ndarray, widths: Sequence[int]) -> np.ndarray:
         if width:
             edge[: width + 1] = edge[width + 1]
     return out
+
+
+def marks_background(inside: np.ndarray) -> bool:
+    """Whether a mask [h, w] bool holds what is around a subject: nearly all of the rim, most of the picture, and not
+    all of it."""
+    return bool(rim_share(inside) > ALL_AROUND and NEARLY_EMPTY < 1 - inside.mean() < 1 - MOST)

@@ -27,6 +27,7 @@ from posegaussian.storage.formats.plain_hdf5 import Hdf5File
 from posegaussian.storage.model.capture import Capture, SourceFile, Stream
 from posegaussian.storage.model.errors import SourceError
 from posegaussian.storage.model.joint_sets import joint_set
+from posegaussian.storage.model.masks import foreground, marks_background
 from posegaussian.storage.readers import hdf5, images
 from posegaussian.storage.readers.mask_options import as_meant
 from posegaussian.storage.readers.video import VideoFile
@@ -136,12 +137,18 @@ class Masks(_Source):
     def __init__(self, capture: Capture, kind: str) -> None:
         super().__init__(capture, kind)
         self._shown = [s.size for s in capture.pictures]
+        self._turned: set[tuple[int, int]] = set()
 
     def read(self, view: int, numbers: Sequence[int]) -> Iterator[np.ndarray]:
         """[h, w] uint8, 0..255 foreground, for each frame number, in pixels of its picture, whatever the mask's own
-        are, and as the import found that they are meant (`as_meant`). Raises SourceError."""
+        are, and as the import found that they are meant (`as_meant`). One that marks the background, of a camera whose
+        masks mostly hold less than half of the picture, is read the other way round. Raises SourceError."""
         for mask in self._given(view, numbers):
             yield images.resized(mask, self._shown[view])
+
+    def turned(self, view: int, numbers: Sequence[int]) -> list[int]:
+        """Of frame numbers that were read, those whose masks were read the other way round."""
+        return [int(n) for n in numbers if (view, int(n)) in self._turned]
 
     def _given(self, view: int, numbers: Sequence[int]) -> Iterator[np.ndarray]:
         """The same in the mask's own pixels."""
@@ -153,7 +160,11 @@ class Masks(_Source):
             return
         for n, path in zip(numbers, self._files(view, numbers), strict=True):
             mask = self._sized(view, int(n), images.read_mask(path, bool(stream.options.get("alpha"))))
-            yield as_meant(mask, stream.options)
+            mask = as_meant(mask, stream.options)
+            if stream.options.get("mostly_black") and marks_background(foreground(mask)):
+                self._turned.add((view, int(n)))
+                mask = np.uint8(255) - mask
+            yield mask
 
 
 class Depth(_Source):

@@ -36,6 +36,9 @@ class Pictures:
             assert picture is not None, f"frame {n} of view {view} does not exist"
             yield picture.copy()
 
+    def turned(self, view: int, numbers: Sequence[int]) -> list[int]:
+        return []
+
 
 def wall(size: int, seed: int) -> np.ndarray:
     """[size, size, 3] a mottled greyish wall, float."""

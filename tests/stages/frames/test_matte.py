@@ -1,5 +1,7 @@
 """The background plate's matte against the true mask of a person before a wall."""
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 import pytest
@@ -221,3 +223,36 @@ def test_given_masks_that_mark_the_background_are_warned_about_in_one_camera_and
         (notes,) = (b.notes for b in frames_in(inputs, FramesParams()) if b.array == "frames/mask")
         assert bool(notes) == (v in inverted)
         assert not notes or ("3 of 3 masks are white along" in notes[0] and "mark the background" in notes[0])
+
+
+def test_one_given_mask_that_goes_around_its_picture_and_one_that_was_turned_are_told_with_their_frames() -> None:
+    """Of many: it costs its frame whatever the others hold."""
+
+    class Turned(Pictures):
+        def turned(self, view: int, numbers: Sequence[int]) -> list[int]:
+            return [n for n in numbers if n == 2]
+
+    size, rig = 32, ring(1, 32, 0)
+    small = np.zeros((size, size), np.uint8)
+    small[8:28, 12:20] = 255
+    inputs = MemoryInputs(
+        FRAMES,
+        FramesParams(),
+        {},
+        rig,
+        Views(rig.names, (0,), ()),
+        range(6),
+        6,
+        view=0,
+        sources={
+            "pictures": Pictures([[np.zeros((size, size, 3), np.uint8)] * 6]),
+            "masks": Turned([[small, 255 - small, *[small] * 4]]),
+        },
+        facts=frozenset({"masks"}),
+    )
+    (told,) = (b.notes for b in frames_in(inputs, FramesParams()) if b.array == "frames/mask")
+    turned, around = told
+    assert "frame 2 are white along more than 90%" in turned
+    assert "read the other way round" in turned
+    assert "1 of 6 masks are white along more than 75%" in around
+    assert "frame 1;" in around

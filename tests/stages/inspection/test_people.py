@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -14,9 +14,11 @@ from posegaussian.stages.inspection.finding import FindingVerdict
 from posegaussian.stages.inspection.footage import Footage, scope_of
 from posegaussian.stages.inspection.joint_fit import people
 from posegaussian.stages.inspection.outlook import expected
-from posegaussian.stages.inspection.people import SIGHT, SURE, Finder, of_people, of_sight, where_looked
+from posegaussian.stages.inspection.people import SIGHT, SURE, Finder, of_people, of_sight, of_stature, where_looked
+from tests.stages.following.test_following import at, filmed
 from tests.support.inspection_plans import planned
 from tests.support.known_geometry import ring
+from tests.support.walking_skeleton import ring as subjects_ring
 
 RIG = ring(4)
 
@@ -248,3 +250,36 @@ def test_the_finder_believes_only_whom_the_estimator_is_sure_of() -> None:
             return [np.zeros((8, 8, 3), np.uint8) for _ in numbers]
 
     assert Finder(Pictures(), Estimator(), RIG).read(0, 3).shape == (2, 17, 3)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("kind", ["joints", "found"])
+@pytest.mark.parametrize(("unit", "verdict"), [(1.0, "good"), (3.28, "doubtful"), (0.2, "doubtful")])
+def test_a_person_of_no_person_s_size_is_told_with_the_unit_that_makes_one(
+    kind: str, unit: float, verdict: str
+) -> None:
+    """Poses in feet that were taken for metres; joints in pixels are what they are."""
+    rig = subjects_ring(4, size=512, focal=0.9, radius=3.5)
+    seen, _ = filmed(at([np.zeros((20, 2))]), rig, noise=0.5)
+    poses = rig.world_to_camera.copy()
+    poses[:, :3, 3] *= unit
+    rig = replace(rig, world_to_camera=poses)
+
+    class Filmed:
+        joint_set = "coco17"
+
+        def read(self, view: int, number: int) -> np.ndarray:
+            return np.asarray(seen[number][view])
+
+    crops = np.tile([1.0, 0, 0], (4, 1))
+    facts = frozenset({"joints2d"} if kind == "joints" else ())
+    scope = scope_of(rig, rig, crops, facts)
+    (f,) = of_stature(Footage(scope, crops, rig.size, [np.arange(20)] * 4, 25.0, {kind: Filmed()}))
+    assert f.verdict == verdict
+    assert f.value == pytest.approx(1.7 * unit, rel=0.15)
+    if verdict != "good":
+        factor = float(f.advice.partition("scale=")[2].partition(",")[0])
+        assert factor * float(f.value or 0) == pytest.approx(1.7, rel=0.01)
+
+
+def test_nobody_s_size_is_told_where_no_joints_are_or_the_subject_may_be_no_person() -> None:
+    assert of_stature(footage()) == of_stature(footage("joints3d", found=Joints({}))) == []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -119,3 +120,21 @@ def test_cameras_in_another_unit_are_said_with_what_it_may_be(tmp_path: Path) ->
     assert len(told) == 1
     assert "are they in centimetres or in millimetres? Then cameras lie up to" in told[0]
     assert "multiply translations by 0.01 or 0.001" in told[0]
+
+
+def test_a_camera_whose_pictures_stay_the_same_while_others_change_is_said_with_its_frames(tmp_path: Path) -> None:
+    """Stood still for all, as before a statue, it is no fault of one."""
+    write(tmp_path)
+
+    def said(standing: Mapping[int, tuple[int, ...]]) -> list[str]:
+        for v, n in np.ndindex(4, 8):
+            instant = 3 if n in standing.get(v, ()) else n
+            ring.write_picture(tmp_path / "images" / f"c{v}" / f"{n}.png", v, instant)
+        return [n for n in find_capture("images", tmp_path, {}).notes if "show the same picture" in n]
+
+    assert not said({})
+    (told,) = said({2: (3, 4, 5)})
+    assert told.startswith("c2: frames 3 to 5 show the same picture, while other cameras' change")
+    assert [n[:2] for n in said({1: (3, 4), 2: (3, 4)})] == ["c1", "c2"], "most of the others change"
+    assert not said(dict.fromkeys((0, 1, 2), (3, 4)))
+    assert not said(dict.fromkeys(range(4), tuple(range(8))))

@@ -59,7 +59,7 @@ def test_cameras_pictures_and_masks_are_those_of_the_files(base: Path) -> None:
     ring.check_cameras(capture, (0, 1, 2), NONE)
     ring.check_pictures(capture, (0, 1, 2), FRAMES)
     ring.check_masks(capture, (0, 1, 2), FRAMES)
-    assert {*np.unique(next(iter(open_source(capture, "masks").read(0, [0]))))} == {0, 200}  # a matte stays soft
+    assert {*np.unique(next(iter(open_source(capture, "masks").read(0, [0]))))} == {0, 255}  # nobody is a grey of 200
     for name in NAMES:
         for number, n in FRAMES.items():
             ring.write_mask(base / "kinect_mask_manual" / name / f"{number:06d}.png", 0, n)

@@ -317,7 +317,7 @@ def test_a_single_value_below_white_is_the_subject(tmp_path: Path, names: tuple[
 def test_a_camera_without_the_subject_is_read_as_the_others_are(tmp_path: Path) -> None:
     rewritten(masks(folders(tmp_path)), NAMES, lambda m: m // 255 * 2)
     rewritten(tmp_path, NAMES[:1], np.zeros_like)
-    assert [s.options for s in find(tmp_path).masks if s] == [{"labels": True}] * 3
+    assert [s.options for s in find(tmp_path).masks if s] == [{"labels": True, "mostly_black": True}] * 3
 
 
 def test_several_values_below_white_are_refused_where_nothing_is_white(tmp_path: Path) -> None:
@@ -352,7 +352,7 @@ def test_specks_that_noise_left_where_nobody_is_seen_are_no_subject(tmp_path: Pa
     specks[::7, ::5] = 1
     rewritten(tmp_path, NAMES[:1], lambda _: specks)
     capture = find(tmp_path)
-    assert [s.options for s in capture.masks if s] == [{}] * 3
+    assert [s.options for s in capture.masks if s] == [{"mostly_black": True}] * 3
     assert said(capture, f"masks of {NAMES[0]} hold nothing above 127")
     late = rewritten(tmp_path, NAMES[:1], lambda _: np.zeros((48, 64)))  # white that comes later is no wrapped byte
     write_png(late / "masks" / NAMES[0] / "000001.png", np.where(specks, 254, 0).astype(np.uint8))
@@ -367,3 +367,37 @@ def test_masks_of_one_camera_that_mark_the_background_are_named(tmp_path: Path) 
     (told,) = said(find(tmp_path), "rim")
     assert told.startswith("masks of cam2 are white along 100% of the pictures' rim, unlike the others'")
     assert "write them the other way round" in told
+
+
+@pytest.mark.parametrize("value", [1, 255])
+def test_one_mask_that_marks_the_background_unlike_its_camera_s_others_is_read_the_other_way_round(
+    tmp_path: Path, value: int
+) -> None:
+    """Whichever frames are read with it; a camera whose masks are all so is warned about and read as it is."""
+    masks(folders(tmp_path), value=value)
+    path = tmp_path / "masks" / "cam2" / "000001.png"
+    write_png(path, value - cv2.imread(str(path), cv2.IMREAD_GRAYSCALE))
+    check(find(tmp_path), dict.fromkeys(FRAMES, 0) | {n: n for n in FRAMES})
+    reader = open_source(find(tmp_path), "masks")
+    at = NAMES.index("cam2")
+    alone = [m for n in FRAMES for m in reader.read(at, [n])]
+    np.testing.assert_array_equal(alone, list(open_source(find(tmp_path), "masks").read(at, FRAMES)))
+    assert [reader.turned(v, FRAMES) for v in (0, at)] == [[], [1]]
+    rewritten(tmp_path, ("cam2",), lambda m: np.where(m == m[0, 0], value, 0))
+    turned = open_source(find(tmp_path), "masks")
+    assert all(m[0, 0] == 255 for m in turned.read(at, FRAMES))
+    assert turned.turned(at, FRAMES) == []
+
+
+def test_holes_in_masks_that_mostly_fill_their_picture_and_a_subject_along_the_rim_stay(tmp_path: Path) -> None:
+    """Between the arm and the body of one who stands before the camera; and one who comes that near in a frame."""
+    masks(folders(tmp_path))
+    hole = np.full((48, 64), 255, np.uint8)
+    hole[20:30, 20:30] = 0
+    rewritten(tmp_path, NAMES[:1], lambda _: hole)
+    near = np.full((48, 64), 255, np.uint8)
+    near[:12, :30] = 0
+    write_png(tmp_path / "masks" / NAMES[1] / "000001.png", near)
+    reader = open_source(find(tmp_path), "masks")
+    assert all((m == hole).all() for m in reader.read(0, FRAMES))
+    assert (next(iter(reader.read(1, [1]))) == near).all()
