@@ -19,7 +19,7 @@ from posegaussian.stages.frames import facts
 from posegaussian.stages.frames.exposures import SURFACE, compared, points_in, side_by_side
 from posegaussian.stages.imaging import exposure
 from posegaussian.stages.imaging.noise import noise_at, size_worked_at
-from posegaussian.stages.imaging.steady_light import UNTOLD
+from posegaussian.stages.imaging.steady_light import CHANGES, UNTOLD
 
 OUTLINES, LIGHT, UNREST, DRIFT = "survey/outlines", "survey/light", "survey/unrest", "survey/drift"
 """What the survey measures for them."""
@@ -198,7 +198,7 @@ LIGHT_STEADYING = Effect(
     facts.LIGHT_STEADYING,
     "Bring every picture to its camera's usual light, by the background behind the subject.",
     "largest change of a source camera's light over time",
-    0.05,
+    CHANGES,
     "stops",
     _drift,
     asks=(DRIFT,),

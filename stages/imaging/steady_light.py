@@ -15,6 +15,9 @@ UNTOLD = 99.0
 """Stops of a picture whose light its background does not tell."""
 DARKEST, BRIGHTEST = 20, 235
 """sRGB values beyond which light is cut off, or all noise."""
+CHANGES = 0.2
+"""Stops in one channel from which on a camera's light counts as changing. `balance` and `desk`, whose cameras change by
+up to 0.16, are drawn no better steadied (docs/measurements/exposure.md)."""
 PIXELS = 2**16
 """Of a larger picture every n-th pixel is looked at."""
 AGREES, NOISE = 0.15, 4

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from posegaussian.stages.contract.io import Block, Inputs, JointReader
-from posegaussian.stages.imaging.steady_light import PIXELS, UNTOLD, steadied, stops_brighter
+from posegaussian.stages.imaging.steady_light import CHANGES, PIXELS, UNTOLD, steadied, stops_brighter
 from posegaussian.stages.survey.algorithms.body_mask import people_cover
 from posegaussian.stages.survey.algorithms.look import NO_FRAMES, Look
 
@@ -28,8 +28,8 @@ class PlateLook(Look):
     as far as they are asked for.
 
     Y and X are the largest captured size of all views, padding is 0. The sample lies over the whole source, as nothing
-    tells what is behind somebody who stands still for the few frames that may be worked on. The plate has the light
-    that these few usually have.
+    tells what is behind somebody who stands still for the few frames that may be worked on. Where the light of these
+    pictures changes, by `CHANGES` in one channel, the plate has the light that the worked ones usually have.
     """
 
     def __init__(
@@ -73,10 +73,7 @@ class PlateLook(Look):
         frames and the spread."""
         pictures, views = self._inputs.source("pictures"), self._inputs.views.names
         x, y = (int(n) for n in np.array([pictures.size(v) for v in range(len(views))]).max(axis=0))
-        few = np.stack([self._few(p) for p in self._stack]), np.stack([self._few(c) for c in self._covered])
-        brighter = brighter_than_each_other(*few)
-        for i in np.flatnonzero((np.abs(brighter) > STEADY).any(axis=1)):
-            self._stack[i] = steadied(self._stack[i], brighter[i])
+        changes = self._brought_to_one_light()
         plate, spread = median_and_spread(self._stack, self._covered)
         ground, known = self._few(plate), self._few(spread) < UNKNOWN
         drift = np.stack(
@@ -84,7 +81,7 @@ class PlateLook(Look):
         )
         told = np.asarray((drift < UNTOLD).all(axis=1))
         usual = np.median(drift[told], axis=0) if told.any() else np.zeros(3)
-        if (np.abs(usual) > STEADY).any():
+        if changes:
             plate = steadied(plate, -usual)
         if "survey/drift" in self._inputs.facts:
             drift = np.where(told[:, None], drift - usual, UNTOLD)
@@ -94,6 +91,17 @@ class PlateLook(Look):
             yield Block("survey/plate", padded(plate, (y, x, 3)), self._view)
         if "survey/spread" in self._inputs.facts:
             yield Block("survey/spread", padded(spread, (y, x)), self._view)
+
+    def _brought_to_one_light(self) -> bool:
+        """Whether the light of the plate's pictures changes; they then have one light from now on."""
+        few = np.stack([self._few(p) for p in self._stack]), np.stack([self._few(c) for c in self._covered])
+        brighter = brighter_than_each_other(*few)
+        told = brighter[(brighter < UNTOLD).all(axis=1)]
+        changes = len(told) > 1 and bool(np.ptp(told, axis=0).max() > CHANGES)
+        if changes:
+            for i, stops in enumerate(brighter):
+                self._stack[i] = steadied(self._stack[i], stops)
+        return changes
 
 
 def brighter_than_each_other(stack: np.ndarray, covered: np.ndarray) -> np.ndarray:

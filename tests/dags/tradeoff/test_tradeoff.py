@@ -252,7 +252,7 @@ def test_a_stage_is_timed_once_it_ran_in_this_process(monkeypatch: pytest.Monkey
     depth = Task("person", "depth", 0, None, None)
     receipt = SimpleNamespace(facts={})
 
-    def run(*_: object) -> dict[Task, object]:
+    def run(*_: object, **__: object) -> dict[Task, object]:
         receipt.facts["seconds"] = next(took)
         return {depth: receipt}
 
@@ -260,7 +260,7 @@ def test_a_stage_is_timed_once_it_ran_in_this_process(monkeypatch: pytest.Monkey
     monkeypatch.setattr(tradeoff, "make_plan", lambda *_: SimpleNamespace(verdicts={depth: None}))
     monkeypatch.setattr(tradeoff, "identities", lambda _: {"depth": "made"})
     monkeypatch.setattr(inline_run, "run_here", run)
-    session = SimpleNamespace(configuration=load_configuration(None, []))
+    session = SimpleNamespace(configuration=load_configuration(None, []), say_line=print)
     clock = tradeoff.Clock(session)  # type: ignore[arg-type]
     for method, sources, times in (("hull", 1, [1.0]), ("hull", 2, [1.0, 2.0]), ("sgbm", 2, [1.0, 2.0, 3.0])):
         clock.run(Level({"depth.method": method, "rendering.sources": sources}, context))  # type: ignore[arg-type]
