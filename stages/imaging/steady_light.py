@@ -19,7 +19,7 @@ CHANGES = 0.2
 """Stops in one channel from which on a camera's light counts as changing. `balance` and `desk`, whose cameras change by
 up to 0.16, are drawn no better steadied (docs/measurements/exposure.md)."""
 PIXELS = 2**16
-"""Of a larger picture every n-th pixel is looked at."""
+"""Of a larger picture about so many, evenly spread, are looked at."""
 AGREES, NOISE = 0.15, 4
 """Stops from the median, or steps of 255, within which a pixel shows the background: the rims of shadows and the
 camera's curve are within the one, noise of what is dark within the other."""
@@ -27,12 +27,17 @@ FEWEST, MOST_OTHERS = 200, 0.6
 """Pixels, at least, that must tell; share of them, at most, that may show something else."""
 
 
+def thinned(image: np.ndarray) -> np.ndarray:
+    """Every n-th pixel of an image [h, w, ...], so that some `PIXELS` are left."""
+    every = max(1, round((image.shape[0] * image.shape[1] / PIXELS) ** 0.5))
+    return image[::every, ::every]
+
+
 def stops_brighter(picture: np.ndarray, plate: np.ndarray, known: np.ndarray) -> np.ndarray:
     """[3] stops by which each channel of a picture [h, w, 3] is brighter than its camera's background plate [h, w, 3],
     both uint8 sRGB; `UNTOLD` where too few of the pixels that are `known` [h, w] bool to show background agree on it.
     """
-    every = max(1, round((picture.shape[0] * picture.shape[1] / PIXELS) ** 0.5))
-    shown, ground, told = (a[::every, ::every] for a in (picture, plate, known))
+    shown, ground, told = (thinned(a) for a in (picture, plate, known))
     middling = [((a >= DARKEST) & (a <= BRIGHTEST)).all(axis=2) for a in (shown, ground)]
     told = told & middling[0] & middling[1]
     if np.count_nonzero(told) < FEWEST:

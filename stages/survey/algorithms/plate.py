@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from posegaussian.stages.contract.io import Block, Inputs, JointReader
-from posegaussian.stages.imaging.steady_light import CHANGES, PIXELS, UNTOLD, steadied, stops_brighter
+from posegaussian.stages.imaging.steady_light import CHANGES, UNTOLD, steadied, stops_brighter, thinned
 from posegaussian.stages.survey.algorithms.body_mask import people_cover
 from posegaussian.stages.survey.algorithms.look import NO_FRAMES, Look
 
@@ -48,7 +48,6 @@ class PlateLook(Look):
         self._inputs, self._view, self._sample, self._joints, self._margin = inputs, view, sample, joints, margin
         self.joints = NO_FRAMES if joints is None else self.numbers
         width, height = inputs.source("pictures").size(view)
-        self._every = max(1, round((width * height / PIXELS) ** 0.5))
         self._stack = np.empty((len(numbers), height, width, 3), dtype=np.uint8)
         self._covered = np.zeros(self._stack.shape[:3], dtype=np.uint8)
         self._lit: dict[int, tuple[np.ndarray, np.ndarray]] = {}
@@ -62,11 +61,7 @@ class PlateLook(Look):
         if i < len(self._plated) and self._plated[i] == number:
             self._stack[i], self._covered[i] = shown, hidden
         if number in self._worked:
-            self._lit[number] = self._few(shown), self._few(hidden)
-
-    def _few(self, image: np.ndarray) -> np.ndarray:
-        """Every n-th pixel [..., h, w] or [..., h, w, 3] of what is at least two-dimensional."""
-        return np.ascontiguousarray(image[:: self._every, :: self._every])
+            self._lit[number] = thinned(shown).copy(), thinned(hidden).copy()
 
     def blocks(self) -> Iterator[Block]:
         """By how much each worked frame is brighter than they usually are, and in their usual light the plate, its
@@ -75,7 +70,7 @@ class PlateLook(Look):
         x, y = (int(n) for n in np.array([pictures.size(v) for v in range(len(views))]).max(axis=0))
         changes = self._brought_to_one_light()
         plate, spread = median_and_spread(self._stack, self._covered)
-        ground, known = self._few(plate), self._few(spread) < UNKNOWN
+        ground, known = thinned(plate), thinned(spread) < UNKNOWN
         drift = np.stack(
             [stops_brighter(p, ground, known & (h == 0)) for p, h in (self._lit[int(n)] for n in self._worked)]
         )
@@ -94,7 +89,7 @@ class PlateLook(Look):
 
     def _brought_to_one_light(self) -> bool:
         """Whether the light of the plate's pictures changes; they then have one light from now on."""
-        few = np.stack([self._few(p) for p in self._stack]), np.stack([self._few(c) for c in self._covered])
+        few = (np.stack([thinned(image) for image in images]) for images in (self._stack, self._covered))
         brighter = brighter_than_each_other(*few)
         told = brighter[(brighter < UNTOLD).all(axis=1)]
         changes = len(told) > 1 and bool(np.ptp(told, axis=0).max() > CHANGES)
