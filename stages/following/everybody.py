@@ -24,7 +24,8 @@ BETWEEN = 1.5
 """Times the usual interval between frames for which people are looked for where they went, whatever `gap` says: of
 frames that lie seconds apart, each shows them elsewhere."""
 LEAST_FRAMES = 3
-"""Frames in which a person must be seen to count; phantoms of a detector come and go."""
+"""Frames in which a person must be seen to count, or all that show anybody where these are fewer; phantoms of a
+detector come and go."""
 _NAMES = joint_set("coco17").names
 _BONES = np.array(
     [[_NAMES.index(s + a), _NAMES.index(s + b)] for s in "LR" for a, b in (("Hip", "Knee"), ("Knee", "Ankle"))]
@@ -65,20 +66,25 @@ class Everybody:
     def of(
         cls, rig: Rig, frames: Iterable[Frame], times: np.ndarray, gap: float, least: int = LEAST_FRAMES
     ) -> Everybody:
-        """Follow everybody; frames in order. Where the rig has one camera, in its picture."""
+        """Follow everybody; frames in order. Where the rig has one camera, in its picture.
+
+        Who is seen in fewer than `least` frames does not count, or in fewer than show anybody in two of the pictures.
+        """
         between = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
         follower = Follower(rig, max(gap, BETWEEN * between), sparse=between > gap)
         shape = (len(times), len(rig), CANDIDATES)
-        out = cls(np.full(shape, -1, np.int32), np.zeros(shape, np.float32), times, least=min(least, len(times)))
+        out, shown = cls(np.full(shape, -1, np.int32), np.zeros(shape, np.float32), times), 0
         sums: dict[int, np.ndarray] = defaultdict(lambda: np.zeros((2, len(_BONES) + 1)))
         for f, time, people in frames:
             numbers, placed = follower.step(f, time, people)
+            shown += sum(bool((found[..., 2] > 0).any()) for found in people) >= min(2, len(rig))
             for v, found in enumerate(people):
                 out.numbers[f, v, : len(found)] = numbers[v]
                 out.spans[f, v, : len(found)] = [extent(p) / rig.size[v].max() for p in found]
             for number, seen in placed.items():
                 out.places[number].append((f, centre(seen.joints)))
                 sums[number] += _measured(seen.joints)
+        out.least = max(1, min(least, shown))
         mean = {n: s[0] / np.maximum(s[1], 1) for n, s in sums.items()}
         out.sizes, out.bones = {n: float(m[-1]) for n, m in mean.items()}, {n: m[:-1] for n, m in mean.items()}
         out.encounters = follower.finish()

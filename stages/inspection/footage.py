@@ -16,18 +16,16 @@ from posegaussian.stages.geometry.triangulation import triangulate
 from posegaussian.stages.imaging.color import to_display
 from posegaussian.stages.imaging.small_turns import turned
 from posegaussian.stages.imaging.warp import Warp
-from posegaussian.stages.inspection.joint_fit import joint_offsets, most_joints, people
-from posegaussian.stages.survey.algorithms.joints import RESIDUAL, SCORE, people_of, seen_joints
+from posegaussian.stages.inspection.joint_fit import joint_offsets, most_joints
+from posegaussian.stages.silhouettes.presence import showing, shows_somebody
+from posegaussian.stages.survey.algorithms.joints import RESIDUAL, SCORE, people, people_of, seen_joints
 from posegaussian.stages.survey.algorithms.silhouettes import masks_of
 from posegaussian.storage.model.cameras import Rig
-from posegaussian.storage.model.masks import NEARLY_EMPTY, foreground
 
 PICTURES = 12
 """Pictures in which features are looked for, over all cameras: some seconds."""
 PLACES = (0.5, 0.15, 0.85)
 """Where pictures are looked at, as shares of the frames: away from the ends, the middle one first."""
-LOOKED_THROUGH = 15
-"""Frames whose masks, or joints that came with the capture, are looked through for somebody."""
 ASKED = (0.15, 0.85, 0.33, 0.67)
 """Where the estimator is asked for somebody, in this order."""
 ASKED_VIEWS = 8
@@ -256,7 +254,7 @@ class Footage:
             reader = self.readers[kind]
             if kind == "masks":
                 (mask,) = reader.read(view, [number])
-                self.told[key] = bool(foreground(mask).mean() >= NEARLY_EMPTY)
+                self.told[key] = shows_somebody(mask)
             else:
                 self.told[key] = people(reader.read(view, number)) > 0
         return self.told[key]
@@ -272,9 +270,7 @@ class Footage:
         if kind == "found":
             seen = (n for n in _spread(self.common, ASKED) if self._seeing(kind, n, self.asked_views))
             return sorted(islice(seen, wanted))
-        numbers = _spread(self.common, np.linspace(0, 1, min(len(self.common), LOOKED_THROUGH)))
-        counts = [self._seeing(kind, n) for n in numbers]
-        return [n for n, c in zip(numbers, counts, strict=True) if c and 2 * c >= max(counts)]
+        return [int(n) for n in showing(self.common, lambda n: self._seeing(kind, n))]
 
     @cached_property
     def warps(self) -> list[Warp]:

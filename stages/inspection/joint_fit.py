@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -18,12 +17,6 @@ FEWEST = 8
 """Joints without which a camera is not judged: half of those that one frame shows of a body."""
 AGREED = 1 / 16
 """Share of the joints a camera shows of its people that must be comparable with another's: fewer meet by chance."""
-
-OF_A_PERSON = 5
-"""Joints above the survey's least score that make a person; a chair has fewer."""
-LEAST = 0.2
-"""Extent over that of the picture's largest person: a figure on a poster or far behind is none that could be taken
-for the subject."""
 
 
 @dataclass(frozen=True)
@@ -41,16 +34,6 @@ class JointFit:
 def most_joints(people: np.ndarray) -> int:
     """Joints of at least `SCORE` of the one of people [n, J, 3] who shows most of them."""
     return int((people[..., 2] >= SCORE).sum(axis=-1).max(initial=0))
-
-
-def people(joints: Any) -> int:
-    """How many of joints [people, J, 3] (u, v, score) are people: `OF_A_PERSON` joints are seen, and they are not tiny
-    beside the largest."""
-    extents = []
-    for person in np.asarray(joints, dtype=np.float64).reshape(-1, *np.shape(joints)[1:]):
-        seen = person[(person[:, 2] >= SCORE) & np.isfinite(person).all(axis=1)]
-        extents.append(float(np.linalg.norm(np.ptp(seen[:, :2], axis=0))) if len(seen) >= OF_A_PERSON else 0.0)
-    return int(np.sum(np.array(extents) > LEAST * max(extents))) if extents and max(extents) > 0 else 0
 
 
 def joint_offsets(rig: Rig, seen: np.ndarray, space: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -11,6 +11,7 @@ from posegaussian.stages.contract.facts import MASKS
 from posegaussian.stages.imaging.exposure import FEWEST_POINTS, NONE, match
 from posegaussian.stages.inspection.finding import Finding, measured, unmeasured
 from posegaussian.stages.inspection.footage import Footage
+from posegaussian.stages.survey.algorithms.sample import of_somebody
 from posegaussian.stages.survey.algorithms.surface import surface_stops
 from posegaussian.storage.model.masks import foreground
 
@@ -32,7 +33,8 @@ def of_light(footage: Footage) -> list[Finding]:
     another one sees them, nobody knows."""
     if len(footage.believed) < 2:
         return [unmeasured("exposure", (), "stops", *LIGHT, "one camera has nobody to differ from")]
-    surface = np.stack([surface_stops(footage.inputs, v, footage.numbers[v]) for v in range(len(footage.rig))])
+    compared = [of_somebody(footage.inputs, numbers) for numbers in footage.numbers]
+    surface = np.stack([surface_stops(footage.inputs, v, numbers) for v, numbers in enumerate(compared)])
     found = match(surface)
     if found is None:
         return [unmeasured("exposure", (), "stops", *LIGHT, f"no camera {FEW} with another")]

@@ -19,9 +19,9 @@ from posegaussian.stages.geometry.triangulation import triangulate
 from posegaussian.stages.imaging.color import to_display
 from posegaussian.stages.inspection.finding import Finding, FindingVerdict, measured, unmeasured
 from posegaussian.stages.inspection.footage import LOOSE, Footage
-from posegaussian.stages.inspection.joint_fit import FEWEST, people
+from posegaussian.stages.inspection.joint_fit import FEWEST
 from posegaussian.stages.inspection.planned import Planned
-from posegaussian.stages.survey.algorithms.joints import RESIDUAL, SCORE, seen_joints
+from posegaussian.stages.survey.algorithms.joints import RESIDUAL, SCORE, people, seen_joints
 from posegaussian.storage.model.cameras import Rig
 
 MEASURE = "people"

@@ -16,7 +16,7 @@ from posegaussian.stages.inspection.footage import Footage, inputs_of, shared_nu
 from posegaussian.stages.inspection.planned import Planned
 from posegaussian.stages.survey.algorithms.agreement import agreement_of_view
 from posegaussian.stages.survey.algorithms.links import in_common
-from posegaussian.stages.survey.algorithms.sample import look, sample_numbers
+from posegaussian.stages.survey.algorithms.sample import look, of_somebody, sample_numbers
 from posegaussian.stages.survey.algorithms.standing import AsTheyStand, standing_in
 from posegaussian.stages.survey.algorithms.standing import told as standing_told
 from posegaussian.stages.survey.measures.agreement import NAME as AGREEMENT
@@ -66,7 +66,7 @@ def camera_verdicts(footage: Footage, planned: Planned) -> dict[str, CameraVerdi
         views=Views(footage.names, tuple(sources), ()),
     )
     inputs = inputs_of(scope, footage)
-    numbers = sample_numbers(shared_numbers(footage.numbers, sources), planned.sample)
+    numbers = of_somebody(inputs, sample_numbers(shared_numbers(footage.numbers, sources), planned.sample))
     stand = AsTheyStand(inputs, standing_in(inputs, numbers))
     told = [agreement_of_view(stand, v, numbers, in_common(stand, v, numbers)) for v in sources]
     pairs, standing = np.stack([of_view[sources] for of_view in told]), standing_told(stand.standing, stand)[sources]

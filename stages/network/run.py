@@ -73,7 +73,7 @@ def run(inputs: TimedInputs, params: NetworkParams) -> Iterator[Block]:
         yield Block("network/depth", depth.get(v, np.zeros(shape, np.float32)), v)
         yield Block("network/confidence", confidence.get(v, np.zeros(shape, np.float16)), v)
         mean = _mean(depth[v], confidence[v]) if v in sources else np.zeros((shape[0], 1), np.float32)
-        yield Block("network/share", mean, v, notes=_note(mean, left_out[v]) if v in sources else ())
+        yield Block("network/share", mean, v, notes=_note(mean, left_out[v], depth[v].any()) if v in sources else ())
         yield Block("network/blend", blend.get(v, np.zeros(shape, np.float16)), v)
         yield Block("network/numbers", numbers.get(v, np.zeros((shape[0], NUMBERS, *shape[1:]), np.float16)), v)
         if QUATERNIONS in inputs.facts:
@@ -172,9 +172,9 @@ def _mean(depth: np.ndarray, confidence: np.ndarray) -> np.ndarray:
     return (total / np.maximum(surface.sum(axis=(1, 2)), 1)).astype(np.float32)[:, None]
 
 
-def _note(found: np.ndarray, left_out: int) -> tuple[str, ...]:
-    """Sentences about a view of which the network says hardly anything, `found` as `_mean` gives it, and of which so
-    many pairs, of all frames together, were left out."""
+def _note(found: np.ndarray, left_out: int, surface: bool | np.bool_) -> tuple[str, ...]:
+    """Sentences about a view of which the network says hardly anything, `found` as `_mean` gives it, where it shows any
+    surface, and of which so many pairs, of all frames together, were left out."""
     mean = float(found[found > 0].mean()) if (found > 0).any() else 0.0
     large = (
         (
@@ -186,7 +186,7 @@ def _note(found: np.ndarray, left_out: int) -> tuple[str, ...]:
         if left_out
         else ()
     )
-    if mean >= SURE:
+    if mean >= SURE or not surface:
         return large
     return (
         *large,

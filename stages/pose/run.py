@@ -58,13 +58,15 @@ def run(inputs: Inputs, params: PoseParams) -> Iterator[Block]:
     if TRACKED in inputs.facts:
         yield Block("pose/others3d", others_in_space(inputs, params, set_id, followed.joints).astype(np.float32))
     grid = grid_of(inputs.rig.size)
+    # A frame in which nobody is says nothing of a camera; the note on joints3d counts it.
+    somebody = (joints2d[..., 2] > 0).any(axis=(1, 2)) | in_one_picture(inputs.facts)
     for v in range(len(inputs.rig)):
         told = v in inputs.views.sources or not in_one_picture(inputs.facts)
         yield Block(
             "pose/joints2d",
             joints2d[:, v].astype(np.float32),
             v,
-            notes=unknown_note("pose/joints2d", joints2d[:, v]) if told else (),
+            notes=unknown_note("pose/joints2d", joints2d[somebody, v]) if told else (),
         )
         if chosen is not None:
             yield Block("pose/chosen", chosen[:, v].astype(np.int32), v, notes=hidden_told(chosen, v, inputs))

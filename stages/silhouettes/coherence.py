@@ -143,10 +143,11 @@ class Standing:
 
 
 def standing(rig: Rig, frames: Sequence[Outlined]) -> Standing:
-    """Of silhouettes of a few frames, of at least `FEWEST` views each: the fewest cameras that are wrong, turned to be
-    coherent with the others, or told as wrong where no turn makes them so; nobody where that can be told of several.
-    Then the same of cameras that stand so, as a small error hides behind a large one.
+    """Of silhouettes of a few frames, as far as at least `FEWEST` views see anything in one: the fewest cameras that
+    are wrong, turned to be coherent with the others, or told as wrong where no turn makes them so; nobody where that
+    can be told of several. Then the same of cameras that stand so, as a small error hides behind a large one.
     """
+    frames = [f for f in frames if len(f.silhouettes.views) >= FEWEST]
     views = sorted(set.intersection(*(set(f.silhouettes.views) for f in frames))) if frames else []
     found, most = as_written(rig), min(MOST_WRONG, len(views) // 3)
     while len(views) >= FEWEST:

@@ -29,7 +29,7 @@ def unneeded(params: TracksParams, facts: Facts) -> str | None:
 STAGE = Stage(
     name="tracks",
     summary="Follow everybody through the whole sequence, across views and over time.",
-    version=3,
+    version=4,
     run="posegaussian.stages.tracks.run:run",
     reads=(
         Read("detection/joints2d", when=lambda p, f: ESTIMATED in f),

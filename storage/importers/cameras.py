@@ -18,12 +18,15 @@ from posegaussian.storage.model.cameras import (
     rotation_matrix,
 )
 from posegaussian.storage.model.errors import CalibrationError
-from posegaussian.storage.model.plausible import check_rotation_vector, check_size, unit_of
+from posegaussian.storage.model.plausible import check_rotation_vector, check_size, smaller_unit, unit_of
 
 DISTORTION = 8
 """Coefficients a rig holds: k1 k2 p1 p2 k3 k4 k5 k6."""
 _FAR = 100.0
 """Metres between cameras above which the translations are probably not in metres."""
+_NEAR = 0.05
+"""Metres between the cameras that are farthest apart below which they probably are not either: pictures of a person
+metres away would all be one."""
 MOST_SKEW = 0.5
 """Px by which a matrix's skew may move the edge of a picture and be left out."""
 _ROUNDED = 1e-6
@@ -158,7 +161,8 @@ def of_another_size(intrinsics: np.ndarray, size: Sequence[int] | np.ndarray) ->
 
 
 def rig_notes(rig: Rig) -> list[str]:
-    """Sentences about a rig: how far its cameras are apart; that there is one only, or that they are improbably far."""
+    """Sentences about a rig: how far its cameras are apart; that there is one only, or that they are improbably far or
+    near."""
     notes = []
     apart = distances(rig.centres)
     if len(apart):
@@ -169,4 +173,7 @@ def rig_notes(rig: Rig) -> list[str]:
     if far > _FAR:
         unit = unit_of(float(apart[-1])) or "metres?"
         notes.append(f"cameras lie {apart[-1]:.0f} m apart where translations are read as metres; are they in {unit}")
+    elif len(apart) and apart[-1] < _NEAR:
+        unit = smaller_unit(float(apart[-1])) or "they were another unit?"
+        notes.append(f"cameras lie {apart[-1]:.2g} m apart at most; were translations in metres read as if {unit}")
     return notes

@@ -138,6 +138,20 @@ def unit_of(apart: float) -> str:
     )
 
 
+def smaller_unit(apart: float) -> str:
+    """What follows "as if": the units that metres were taken for where cameras that lie `apart` m from one another, as
+    read, would lie as those of a rig do in metres, and what to multiply them by; empty where there is none."""
+    fitting = {u: 1 / f for u, f in UNITS.items() if APART[0] <= apart / f <= APART[1]}
+    if not fitting:
+        return ""
+    lengths = " or ".join(f"{apart * f:.3g} m" for f in fitting.values())
+    factors = " or ".join(f"{f:g}" for f in fitting.values())
+    return (
+        f"they were {' or '.join(fitting)}? Then cameras lie up to {lengths} apart: multiply translations by {factors},"
+        " or the option scale where the layout has it"
+    )
+
+
 def check_rotation_vector(name: str, vector: np.ndarray) -> None:
     """Raise CalibrationError for a Rodrigues vector [3] of more than two turns."""
     if not np.linalg.norm(vector) <= TURN:

@@ -14,17 +14,18 @@ from posegaussian.stages.geometry.epipolar import fundamental, signed_epipolar_d
 from posegaussian.stages.survey.algorithms.joints import SCORE, people_of
 from posegaussian.stages.survey.algorithms.links import InCommon, few_of, in_common, links_of_view
 from posegaussian.stages.survey.algorithms.look import NO_FRAMES, Look
-from posegaussian.stages.survey.algorithms.surface import Seen, compared_numbers, later, seen
+from posegaussian.stages.survey.algorithms.sample import compared_numbers
+from posegaussian.stages.survey.algorithms.surface import Seen, later, seen
 from posegaussian.storage.model.cameras import Rig
 
 WITHIN = 1.0
 """Px of the captured pictures within which features and outlines count as in place: masks end at whole pixels."""
 FEWEST_JOINTS = 6
 """Joints that two cameras must both see of a person."""
-MOSTLY = 0.5
-"""Share of the frames in which a detector must find them: who hardly sees anybody sees them wrongly. Of a walker seen
-from behind it found 7 joints in one frame of five, all of them elsewhere, and a camera that is right was left out by
-these."""
+FEWEST_DETECTED = 3
+"""Frames in which a detector must find them: who hardly sees anybody sees them wrongly. Of a walker seen from behind it
+found 7 joints in one frame of five, all of them elsewhere, and a camera that is right was left out by these; so it was
+by one of two frames."""
 
 
 class AgreementLook(Look):
@@ -32,7 +33,8 @@ class AgreementLook(Look):
     `agreement_of_view`, `links_of_view`."""
 
     def __init__(self, names: tuple[str, str], inputs: Inputs, view: int, sample: np.ndarray) -> None:
-        """names: of the two arrays; sample: the view's sampled source frames."""
+        """names: of the two arrays; sample: the view's sampled source frames, those with
+        somebody."""
         self._agreement, self._links = names
         self._inputs, self._view, self._sample = inputs, view, sample
         self._own: dict[int, Seen] = {}
@@ -71,7 +73,7 @@ def agreement_of_view(inputs: Inputs, view: int, numbers: np.ndarray, pairs: Map
         told = (
             (shared.features.off, len(shared.features.first)),
             (shared.outlines.off, len(shared.outlines.first)),
-            _by_joints(inputs.rig, (view, v), people, MOSTLY if ESTIMATED in inputs.facts else 0.0),
+            _by_joints(inputs.rig, (view, v), people, FEWEST_DETECTED if ESTIMATED in inputs.facts else 1),
         )
         pixel = WITHIN * _pixel(inputs, (view, v))
         for kind, (distance, count) in enumerate(told):
@@ -93,18 +95,18 @@ def _people(inputs: Inputs, view: int, numbers: np.ndarray) -> dict[int, np.ndar
 
 
 def _by_joints(
-    rig: Rig, pair: tuple[int, int], people: Mapping[int, Mapping[int, np.ndarray]], fewest: float
+    rig: Rig, pair: tuple[int, int], people: Mapping[int, Mapping[int, np.ndarray]], fewest: int
 ) -> tuple[float, int]:
     """Px by which joints of two cameras miss their lines, of the two people who fit best, and in how many frames;
-    nothing where that is less than a share of them."""
+    nothing where these are fewer than `fewest`."""
     if not people:
         return 0.0, 0
     matrix, (first, second) = fundamental(rig, *pair), (people[v] for v in pair)
-    found, both = [], sorted(first.keys() & second.keys())
-    for n in both:
+    found = []
+    for n in sorted(first.keys() & second.keys()):
         off = [d for a in first[n] for b in second[n] if (d := _apart(matrix, a, b)) is not None]
         found += [min(off)] if off else []
-    return (float(np.median(found)), len(found)) if found and len(found) >= fewest * len(both) else (0.0, 0)
+    return (float(np.median(found)), len(found)) if len(found) >= fewest else (0.0, 0)
 
 
 def _apart(matrix: np.ndarray, first: np.ndarray, second: np.ndarray) -> float | None:

@@ -3,6 +3,8 @@ one whom views agree on."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from posegaussian.stages.contract.facts import JOINTS2D
@@ -24,6 +26,11 @@ FITTING = 0.015
 """Distance of a view's joint from the triangulated one up to which it fits, over the picture's longer side: 3 cm
 where a person of 1.75 m fills the picture, and the triangulated joint, a mean over views, is nearer to the true one
 than that."""
+OF_A_PERSON = 5
+"""Joints of at least `SCORE` that make a person; a chair has fewer."""
+LEAST = 0.2
+"""Extent over that of the picture's largest person: a figure on a poster or far behind is none that could be taken
+for the subject."""
 
 
 def seen_joints(inputs: Inputs, number: int, residual: float = RESIDUAL) -> np.ndarray:
@@ -50,31 +57,39 @@ def people_of(inputs: Inputs, view: int, number: int) -> np.ndarray:
 
 def fit_of_view(inputs: Inputs, view: int, numbers: np.ndarray) -> np.ndarray:
     """[3]: median distance, over the picture's longer side, of a view's joints from the triangulated ones, the share
-    within FITTING, and how many a frame can be compared.
+    within FITTING, and how many can be compared a frame in which any was triangulated: in the others nobody is.
 
     Over the source frames `numbers`; a view that is no source, or where nothing can be compared, gets 0.
     """
     sources = list(inputs.views.sources)
     if view not in sources or not len(numbers):
         return np.zeros(3)
-    rig, found = inputs.rig.subset(sources), []
-    for number in numbers:
-        seen = seen_joints(inputs, int(number))
-        space, own = triangulate(rig, seen, SCORE, RESIDUAL), sources.index(view)
-        found.append(reprojection_residual(rig.subset([own]), seen[own : own + 1], space))
-    off = np.concatenate(found) / inputs.rig.size[view].max()
+    camera, own = inputs.rig.subset([view]), sources.index(view)
+    of_frames = [(seen, space) for seen, space in _met(inputs, numbers) if space[:, 3].any()]
+    found = [reprojection_residual(camera, seen[own : own + 1], space) for seen, space in of_frames]
+    off = np.concatenate([np.zeros(0), *found]) / inputs.rig.size[view].max()
     if not len(off):
         return np.zeros(3)
-    return np.array([np.median(off), (off <= FITTING).mean(), len(off) / len(numbers)])
+    return np.array([np.median(off), (off <= FITTING).mean(), len(off) / len(found)])
 
 
 def scores_of_view(inputs: Inputs, view: int, numbers: np.ndarray) -> np.ndarray:
-    """[17] mean score of a view's joints, of the person whom the views agree on, over the source frames `numbers`; 0 of
-    a view that is no source."""
+    """[17] mean score of a view's joints, of the person whom the views agree on, over those of the source frames
+    `numbers` in which any was triangulated, or all where none was in any; 0 of a view that is no source."""
     sources = list(inputs.views.sources)
     if view not in sources or not len(numbers):
         return np.zeros(17)
-    return np.asarray(np.mean([seen_joints(inputs, int(n))[sources.index(view), :, 2] for n in numbers], axis=0))
+    of_frames = _met(inputs, numbers)
+    seen = [seen for seen, space in of_frames if space[:, 3].any()] or [seen for seen, _ in of_frames]
+    return np.asarray(np.mean([joints[sources.index(view), :, 2] for joints in seen], axis=0))
+
+
+def _met(inputs: Inputs, numbers: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Of every source frame the joints [S, 17, 3] that source views see, and the triangulated ones [17, 4], score 0
+    where there is none."""
+    rig = inputs.rig.subset(list(inputs.views.sources))
+    seen = [seen_joints(inputs, int(n)) for n in numbers]
+    return [(joints, triangulate(rig, joints, SCORE, RESIDUAL)) for joints in seen]
 
 
 def _known(joints: np.ndarray) -> np.ndarray:
@@ -112,6 +127,16 @@ def largest(people: np.ndarray) -> np.ndarray:
     """[J, 3] the largest person of [n, J, 3]; zeros of nobody."""
     sorted_ones = by_size(people)
     return sorted_ones[0] if len(sorted_ones) else np.zeros(people.shape[1:])
+
+
+def people(joints: Any) -> int:
+    """How many of joints [people, J, 3] (u, v, score) are people: `OF_A_PERSON` joints are seen, and they are not tiny
+    beside the largest."""
+    extents = []
+    for person in np.asarray(joints, dtype=np.float64).reshape(-1, *np.shape(joints)[1:]):
+        seen = person[(person[:, 2] >= SCORE) & np.isfinite(person).all(axis=1)]
+        extents.append(float(np.linalg.norm(np.ptp(seen[:, :2], axis=0))) if len(seen) >= OF_A_PERSON else 0.0)
+    return int(np.sum(np.array(extents) > LEAST * max(extents))) if extents and max(extents) > 0 else 0
 
 
 def by_size(people: np.ndarray) -> np.ndarray:

@@ -16,8 +16,8 @@ from posegaussian.stages.geometry.points import to_frames
 from posegaussian.stages.imaging.small_turns import KINDS, MOST, POINTS
 from posegaussian.stages.silhouettes.tangents import outline, touching
 from posegaussian.stages.survey.algorithms.look import NO_FRAMES
-from posegaussian.stages.survey.algorithms.sample import sample_numbers
-from posegaussian.stages.survey.algorithms.surface import Seen, compared_numbers, later, seen, shared
+from posegaussian.stages.survey.algorithms.sample import compared_numbers, sample_numbers
+from posegaussian.stages.survey.algorithms.surface import Seen, later, seen, shared
 from posegaussian.storage.model.cameras import Rig
 
 Outline = tuple[np.ndarray, np.ndarray]

@@ -6,18 +6,42 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from posegaussian.stages.contract.facts import MASKS
 from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.imaging.color import to_display
+from posegaussian.stages.silhouettes.presence import shows_somebody, with_somebody
 from posegaussian.stages.survey.algorithms.look import Look
 
 FEWEST = 5
 """Frames below which a median is a matter of chance."""
+COMPARED = 2
+"""Sampled frames in which what views show is compared point by point."""
 
 
 def sample_numbers(numbers: np.ndarray, sample: int) -> np.ndarray:
     """[min(n, sample)] of the ascending source frame numbers, evenly, first and last included."""
     index = np.rint(np.linspace(0, len(numbers) - 1, min(len(numbers), sample))).astype(np.int64)
     return np.asarray(numbers, dtype=np.int64)[index]
+
+
+def compared_numbers(numbers: np.ndarray) -> np.ndarray:
+    """[2] of the sampled source frames, away from the ends."""
+    chosen = np.unique(np.rint(np.linspace(0, len(numbers) - 1, COMPARED + 2)[1:-1]).astype(int))
+    return np.asarray(numbers)[chosen] if len(numbers) else np.zeros(0, np.int64)
+
+
+def of_somebody(inputs: Inputs, numbers: np.ndarray) -> np.ndarray:
+    """[m] of the sampled source frames [n] those that are compared: all, or some of those that show somebody, where in
+    those that `compared_numbers` takes of all nobody is, by the masks that came with the capture."""
+    if MASKS not in inputs.facts:
+        return numbers
+    pictures, masks, sources = inputs.source("pictures"), inputs.source("masks"), inputs.views.sources
+
+    def seeing(number: int) -> int:
+        having = [v for v in sources if number in pictures.numbers(v)]
+        return sum(shows_somebody(mask) for v in having for mask in masks.read(v, [number]))
+
+    return with_somebody(numbers, compared_numbers(numbers), seeing, len(sources))
 
 
 def worked_numbers(inputs: Inputs, view: int) -> np.ndarray:

@@ -21,9 +21,9 @@ from posegaussian.stages.survey.algorithms.joint_standing import standing_by_joi
 from posegaussian.stages.survey.algorithms.joints import by_size, people_of
 from posegaussian.stages.survey.algorithms.links import few_of
 from posegaussian.stages.survey.algorithms.look import Look
-from posegaussian.stages.survey.algorithms.sample import sample_numbers, worked_numbers
+from posegaussian.stages.survey.algorithms.sample import compared_numbers, of_somebody, sample_numbers, worked_numbers
 from posegaussian.stages.survey.algorithms.silhouettes import masks_of
-from posegaussian.stages.survey.algorithms.surface import compared_numbers
+from posegaussian.storage.model.masks import foreground
 
 _KEPT: dict[bytes, Standing] = {}
 """That of a few captures, as every view's task asks for it."""
@@ -82,17 +82,17 @@ def told(found: Standing, inputs: Inputs) -> np.ndarray:
 
 def as_they_stand(inputs: Inputs, sample: int) -> AsTheyStand:
     """A task's inputs with its source cameras as they are seen to stand in a few of the frames that all of them have,
-    of a sample of so many."""
+    and that show somebody, of a sample of so many."""
     numbers = reduce(np.intersect1d, [worked_numbers(inputs, v) for v in inputs.views.sources])
-    return AsTheyStand(inputs, standing_in(inputs, sample_numbers(numbers, sample)))
+    return AsTheyStand(inputs, standing_in(inputs, of_somebody(inputs, sample_numbers(numbers, sample))))
 
 
 def standing_in(inputs: Inputs, numbers: np.ndarray) -> Standing:
     """How source cameras stand by their masks in some of the sampled source frames `numbers` [n], or, where fewer than
-    `FEWEST` views have one, by joints; as they are written down where these tell nothing either."""
+    `FEWEST` views have one that is not empty, by joints; as they are written down where these tell nothing either."""
     rig, sources, warps = inputs.rig, list(inputs.views.sources), dict[int, Warp]()
     masks = [masks_of(inputs, int(n), warps) for n in compared_numbers(numbers)] if MASKS in inputs.facts else []
-    masks = [m for m in masks if len(m) >= FEWEST]
+    masks = [m for m in masks if sum(foreground(mask).any() for mask in m.values()) >= FEWEST]
     if masks:
         parts = [m[v] for m in masks for v in sorted(m)]
         return _kept(

@@ -26,11 +26,10 @@ from posegaussian.stages.imaging.warp import Warp
 from posegaussian.stages.silhouettes.hull import Silhouettes, searched_radius
 from posegaussian.stages.silhouettes.shared_points import shared_points
 from posegaussian.stages.survey.algorithms.look import KEPT_PICTURES, Look
+from posegaussian.stages.survey.algorithms.sample import compared_numbers
 from posegaussian.stages.survey.algorithms.silhouettes import masks_of
 from posegaussian.storage.model.cameras import points_to_integer_centres
 
-FRAMES = 2
-"""Sampled frames that are matched."""
 LONGEST = 960
 """Longer side, px, to which pictures are reduced before they are matched."""
 BESIDE = 0.004
@@ -87,17 +86,11 @@ KEPT_MATCHES = 256
 """Pairs of pictures whose matches a process keeps for the other measures of a view."""
 
 
-def compared_numbers(numbers: np.ndarray) -> np.ndarray:
-    """[2] of the sampled source frames, away from the ends."""
-    chosen = np.unique(np.rint(np.linspace(0, len(numbers) - 1, FRAMES + 2)[1:-1]).astype(int))
-    return np.asarray(numbers)[chosen] if len(numbers) else np.zeros(0, np.int64)
-
-
 class SurfaceLook(Look):
     """survey/surface [V, 64, 3] of one view: `surface_stops`, its own pictures taken from the view's pass."""
 
     def __init__(self, inputs: Inputs, view: int, sample: np.ndarray) -> None:
-        """sample: the view's sampled source frames."""
+        """sample: the view's sampled source frames, those with somebody."""
         self._inputs, self._view, self._sample = inputs, view, sample
         self._own: dict[int, Seen] = {}
         self.numbers = compared_numbers(sample) if later(inputs, view) else np.zeros(0, np.int64)

@@ -13,7 +13,7 @@ NAME = "survey/agreement"
 def _look(s: Sampled) -> Look:
     from posegaussian.stages.survey.algorithms.agreement import AgreementLook
 
-    return AgreementLook((NAME, LINKS), s.inputs, s.view, s.chosen)
+    return AgreementLook((NAME, LINKS), s.inputs, s.view, s.compared)
 
 
 MEASURE = Measure(

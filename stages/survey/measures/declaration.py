@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, Protocol
 
 import numpy as np
@@ -48,6 +49,13 @@ class Sampled:
     """[m] the sampled ones of those that are worked on."""
     few: np.ndarray
     """A few of them, for what changes little from frame to frame."""
+
+    @cached_property
+    def compared(self) -> np.ndarray:
+        """[c] the sampled ones in which views are compared: those with somebody, as far as given masks tell."""
+        from posegaussian.stages.survey.algorithms.sample import of_somebody
+
+        return of_somebody(self.inputs, self.chosen) if self.is_source else self.chosen
 
     @property
     def is_source(self) -> bool:

@@ -35,7 +35,7 @@ MEASURE = Measure(
             "float64",
             "1",
             "How far a view's joints lie from the triangulated ones: the median and the share within 1.5 %, over the"
-            " picture's longer side, and how many a frame tell, of 5 frames.",
+            " picture's longer side, and how many a frame tell, of those of 5 frames that have any.",
             when=NAME,
             noted=True,
         ),

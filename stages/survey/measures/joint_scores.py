@@ -34,7 +34,8 @@ MEASURE = Measure(
             ("view", "coco17"),
             "float64",
             "1",
-            "A view's mean score of each joint over 5 frames, 0 where it does not find it.",
+            "A view's mean score of each joint over those of 5 frames in which views agree on any, 0 where it does not"
+            " find it.",
             when=NAME,
             noted=True,
         ),

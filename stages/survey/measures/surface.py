@@ -10,7 +10,7 @@ from posegaussian.storage.model.spec import ArraySpec
 def _look(s: Sampled) -> Look:
     from posegaussian.stages.survey.algorithms.surface import SurfaceLook
 
-    return SurfaceLook(s.inputs, s.view, s.chosen)
+    return SurfaceLook(s.inputs, s.view, s.compared)
 
 
 MEASURE = Measure(

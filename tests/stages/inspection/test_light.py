@@ -34,7 +34,7 @@ def footage(cameras: int = 4) -> Any:
         believed=tuple(range(cameras)),
         names=tuple("abcd"[:cameras]),
         numbers=[np.arange(3)] * cameras,
-        inputs=None,
+        inputs=SimpleNamespace(facts=Facts()),
     )
 
 

@@ -12,9 +12,9 @@ import pytest
 from posegaussian.stages.estimators.interface import Found
 from posegaussian.stages.inspection.finding import FindingVerdict
 from posegaussian.stages.inspection.footage import Footage, scope_of
-from posegaussian.stages.inspection.joint_fit import people
 from posegaussian.stages.inspection.outlook import expected
 from posegaussian.stages.inspection.people import SIGHT, SURE, Finder, of_people, of_sight, of_stature, where_looked
+from posegaussian.stages.survey.algorithms.joints import people
 from tests.stages.following.test_following import at, filmed
 from tests.support.inspection_plans import planned
 from tests.support.known_geometry import ring

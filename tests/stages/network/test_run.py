@@ -178,6 +178,16 @@ def test_a_network_that_says_nothing_is_reported(
     assert "mean confidence is 0.00" in notes[0]
 
 
+def test_of_a_view_that_shows_nobody_nothing_is_reported(
+    net: PoseGaussianNetwork, rig: Rig, arrays: dict[str, np.ndarray]
+) -> None:
+    empty = arrays | {name: np.zeros_like(arrays[name]) for name in ("depth/depth", "depth/confidence", "frames/mask")}
+    inputs = MemoryInputs(
+        STAGE, PARAMS, empty, rig, VIEWS, range(1), FRAMES, sources={"network": net}, effects=frozenset()
+    )
+    assert not [n for block in resolve(STAGE.run)(inputs, PARAMS) for n in block.notes]
+
+
 def test_pairs_that_are_too_large_are_left_out_and_reported(
     net: PoseGaussianNetwork, rig: Rig, arrays: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -257,6 +257,27 @@ def test_check_refuses_what_is_impossible_and_warns_of_what_is_empty() -> None:
     assert "100% of the joints are unknown" in unknown_note("pose/joints3d", np.zeros((2, 17, 4)))[0]
 
 
+def test_frames_in_which_nobody_is_are_said_once_and_not_of_every_camera() -> None:
+    rig = ring(4, size=96)
+    for there in (0, 1, 4):
+        given = pixels(rig, walk(4))
+        given[there:] = 0
+        inputs = MemoryInputs(
+            STAGE,
+            PoseParams(bridge=0),
+            {},
+            rig,
+            roles(rig),
+            range(4),
+            4,
+            sources={"joints": Joints2D.single(given)},
+            facts=frozenset({"joints2d"}),
+        )
+        blocks = list(run(inputs, PoseParams(bridge=0)))  # type: ignore[arg-type]
+        told = [n for b in blocks for n in b.notes if "joints are unknown" in n]
+        assert [n.split(":")[0] for n in told] == ["pose/joints3d"] * (there < 2)
+
+
 def spoilt(rig: Rig, frames: int) -> tuple[np.ndarray, Joints2D]:
     """Points of a walk; its joints with left and right exchanged in a frame and in a view, and two of them hidden
     for a while."""

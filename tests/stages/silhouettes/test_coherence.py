@@ -104,6 +104,19 @@ def test_a_camera_with_larger_pictures_in_which_nobody_is_seen_changes_nothing(p
     np.testing.assert_allclose(larger.apart, 4 * alike.apart)
 
 
+def test_a_frame_in_which_nobody_is_changes_nothing(person: PersonCapture) -> None:
+    """Of somebody who comes late, and of one whom too few views see yet."""
+    rig, _ = written(person, {2: (0.0, 6.0, 0.0)})
+    masks, alone = masks_of(person), found(rig, masks_of(person))
+    assert set(np.flatnonzero(alone.turns.any(axis=1))) == {2}
+    for seen in range(FEWEST):
+        empty = {v: m * (v < seen) for v, m in masks.items()}
+        for told in (found(rig, masks, empty), found(rig, empty, masks)):
+            np.testing.assert_array_equal(told.turns, alone.turns)
+            np.testing.assert_array_equal(told.apart, alone.apart)
+    assert not found(rig, {v: 0 * m for v, m in masks.items()}).turns.any()
+
+
 def test_the_order_of_the_cameras_is_indifferent(person: PersonCapture) -> None:
     rig, _ = written(person, {1: (0.0, 6.0, 0.0), 4: (0.0, -6.0, 0.0)})
     order = [3, 1, 4, 0, 7, 6, 2, 5]

@@ -10,7 +10,7 @@ import pytest
 
 from posegaussian.stages.depth.effects import LIMB_BOUNDS
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
-from posegaussian.stages.survey.algorithms.joints import FITTING, fit_of_view
+from posegaussian.stages.survey.algorithms.joints import FITTING, fit_of_view, scores_of_view
 
 
 @pytest.fixture(scope="module")
@@ -18,9 +18,9 @@ def person() -> PersonCapture:
     return capture_person(views=6, size=64, frames=3, held_out=0)
 
 
-def fit(c: PersonCapture, joints: np.ndarray, view: int = 0) -> np.ndarray:
+def inputs_of(c: PersonCapture, joints: np.ndarray) -> Any:
     reader = SimpleNamespace(joint_set="coco17", read=lambda v, n: joints[n, v][None])
-    inputs: Any = SimpleNamespace(
+    return SimpleNamespace(
         facts=frozenset({"joints2d"}),
         views=c.views,
         rig=c.rig,
@@ -28,7 +28,10 @@ def fit(c: PersonCapture, joints: np.ndarray, view: int = 0) -> np.ndarray:
         captured_to_calibrated=np.tile([1.0, 0.0, 0.0], (len(c.rig), 1)),
         source=lambda kind: reader,
     )
-    return fit_of_view(inputs, view, np.arange(len(joints)))
+
+
+def fit(c: PersonCapture, joints: np.ndarray, view: int = 0) -> np.ndarray:
+    return fit_of_view(inputs_of(c, joints), view, np.arange(len(joints)))
 
 
 def decided(noted: np.ndarray, facts: frozenset[str] = frozenset({"joints2d"})) -> Any:
@@ -69,3 +72,32 @@ def test_joints_that_are_few_or_unknown_switch_off(person: PersonCapture) -> Non
     assert (fit(person, np.zeros_like(joints)) == 0).all()
     assert not decided(np.zeros((6, 3))).on
     assert "3D alone" in decided(few, frozenset({"joints3d"})).reason
+
+
+def test_frames_in_which_nobody_is_change_nothing(person: PersonCapture) -> None:
+    """Somebody who is there in one frame of five has as many limbs in it as one who stays; a camera that alone sees
+    somebody meets nobody's joints."""
+    joints = noisy(person, 0.3)[:1]
+    gone = np.concatenate([0 * joints, joints, 0 * joints, 0 * joints, 0 * joints])
+    gone[3, 2] = joints[0, 2]
+    for v in range(6):
+        np.testing.assert_array_equal(fit(person, gone, v), fit(person, joints, v))
+        scores = [scores_of_view(inputs_of(person, j), v, np.arange(len(j))) for j in (gone, joints)]
+        np.testing.assert_array_equal(*scores)
+        assert scores[0].any()
+    assert decided(np.stack([fit(person, gone, v) for v in range(6)])).on
+
+
+def test_a_view_that_misses_somebody_whom_the_others_see_has_fewer_joints(person: PersonCapture) -> None:
+    joints = person.joints2d.copy()
+    joints[1:, 2] = 0
+    whole, missing = (fit(person, j, 2)[2] for j in (person.joints2d, joints))
+    assert missing == pytest.approx(whole / len(joints))
+    assert scores_of_view(inputs_of(person, joints), 2, np.arange(3)).max() <= 1 / 3 + 1e-9
+
+
+def test_where_nothing_meets_scores_are_those_of_all_frames(person: PersonCapture) -> None:
+    alone = np.zeros_like(person.joints2d)
+    alone[:, 0] = person.joints2d[:, 0]
+    seen = scores_of_view(inputs_of(person, alone), 0, np.arange(len(alone)))
+    np.testing.assert_allclose(seen, alone[:, 0, :, 2].mean(axis=0))

@@ -11,10 +11,11 @@ import pytest
 
 from posegaussian.stages.imaging.small_turns import turned
 from posegaussian.stages.silhouettes.coherence import Standing
-from posegaussian.stages.survey.algorithms.agreement import MOSTLY, _by_joints
+from posegaussian.stages.survey.algorithms.agreement import FEWEST_DETECTED, _by_joints
 from posegaussian.stages.survey.algorithms.joint_standing import standing_by_joints
 from posegaussian.stages.survey.algorithms.standing import standing_in
 from posegaussian.storage.model.cameras import Rig
+from tests.support.frame_readers import Pictures
 from tests.support.walking_skeleton import SKELETON, Joints2D, moving, pixels, ring, roles
 
 SIZE, FRAMES, APART_IN_TIME = 512, 5, 7
@@ -158,12 +159,44 @@ def test_given_joints_of_cropped_pictures_turn_nobody() -> None:
     assert nobody(standing_in(inputs, np.arange(FRAMES)))
 
 
+def test_where_masks_show_nobody_joints_tell() -> None:
+    """Masks may be there and empty: of frames in which nobody is, or of somebody whom they were not made for."""
+    rig, _ = written(right := ring(8, SIZE), {1: (0.0, 18.0, 0.0)})
+    readers = {
+        "joints": Joints2D.single(detected(right, 0.0).swapaxes(0, 1)),
+        "pictures": Pictures([[np.zeros((SIZE, SIZE, 3), np.uint8)] * FRAMES] * 8),
+        "masks": Pictures([[np.zeros((SIZE, SIZE), np.uint8)] * FRAMES] * 8),
+    }
+    inputs: Any = SimpleNamespace(
+        facts=frozenset({"joints2d", "masks"}),
+        views=roles(rig),
+        rig=rig,
+        source_rig=rig,
+        captured_to_calibrated=np.tile([1.0, 0.0, 0.0], (8, 1)),
+        source=readers.__getitem__,
+    )
+    told = standing_in(inputs, np.arange(FRAMES))
+    assert told.by_joints
+    assert set(np.flatnonzero(told.apart)) == {1}
+
+
+def test_joints_that_a_detector_found_in_one_of_two_frames_accuse_nobody() -> None:
+    rig, _ = written(right := ring(4, SIZE), {1: (40.0, 0.0, 0.0)})
+    seen = detected(right, 0.0)
+    for frames, found_in in ((1, 1), (2, 1), (2, 2), (4, 2)):
+        people = {v: {n: seen[v, n][None] * (n < found_in) for n in range(frames)} for v in (0, 1)}
+        assert _by_joints(rig, (0, 1), people, FEWEST_DETECTED) == (0.0, 0)
+        assert _by_joints(rig, (0, 1), people, 1)[1] == found_in
+    people = {v: {n: seen[v, n][None] for n in range(3)} for v in (0, 1)}
+    assert _by_joints(rig, (0, 1), people, FEWEST_DETECTED)[1] == 3
+
+
 @pytest.mark.parametrize("estimated", [False, True])
 def test_who_sees_somebody_in_few_frames_accuses_nobody_but_by_joints_that_were_given(estimated: bool) -> None:
     rig, _ = written(right := ring(4, SIZE), {1: (40.0, 0.0, 0.0)})
     seen = detected(right, 0.0)
     people = {v: {n: seen[v, n][None] * (n < 2) for n in range(FRAMES)} for v in (0, 1)}
-    fewest = MOSTLY if estimated else 0.0
+    fewest = FEWEST_DETECTED if estimated else 1
     off, count = _by_joints(rig, (0, 1), people, fewest)
     assert (off > 0, count) == ((False, 0) if estimated else (True, 2))
 

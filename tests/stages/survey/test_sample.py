@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,7 +14,13 @@ import pytest
 from posegaussian.stages.geometry.consistency import OFFSETS, change_across
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
 from posegaussian.stages.survey.algorithms.outlines import change_at_outline
-from posegaussian.stages.survey.algorithms.sample import FEWEST, sample_numbers, worked_numbers
+from posegaussian.stages.survey.algorithms.sample import (
+    FEWEST,
+    compared_numbers,
+    of_somebody,
+    sample_numbers,
+    worked_numbers,
+)
 from posegaussian.stages.survey.params import SurveyParams
 from posegaussian.stages.survey.run import FEW, run
 from posegaussian.stages.survey.stage import STAGE
@@ -100,6 +108,26 @@ def test_around_fewer_than_five_frames_their_neighbours_are_looked_at_too(
     )
     np.testing.assert_array_equal(worked_numbers(inputs, 0), expected)  # type: ignore[arg-type]
     assert len(expected) >= FEWEST
+
+
+@pytest.mark.parametrize("there", [range(FRAMES), range(8, 12), range(4, 8), range(0)])
+def test_views_are_compared_in_frames_that_show_somebody(person: PersonCapture, there: range) -> None:
+    given = sources(person)
+    masks = [[person.mask[n, v] * (n in there) for n in range(FRAMES)] for v in range(VIEWS)]
+    given["masks"] = Pictures([list(m) for m in masks])
+    facts = frozenset({"survey/surface", "masks"})
+    run_stage(STAGE, SurveyParams(), {}, person.rig, person.views, FRAMES, view=0, sources=given, facts=facts)
+    compared = {n for _, n in given["pictures"].decoded}  # type: ignore[attr-defined]
+    usual = set(compared_numbers(np.arange(FRAMES)).tolist())
+    assert len(compared) == 2
+    assert compared <= set(there or range(FRAMES))
+    assert compared == usual or not usual <= set(there)
+    assert compared == usual or there
+
+
+def test_without_masks_all_sampled_frames_may_be_compared() -> None:
+    inputs: Any = SimpleNamespace(facts=frozenset({"joints2d"}))
+    np.testing.assert_array_equal(of_somebody(inputs, np.arange(9)), np.arange(9))
 
 
 def test_offsets_in_the_part_around_the_subject_are_those_of_the_whole_picture() -> None:

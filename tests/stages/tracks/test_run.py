@@ -135,3 +135,27 @@ def test_pictures_are_looked_at_only_where_there_are_several_people(scene: tuple
     assert not pictures.read_of
     assert not any(b.notes for b in blocks)
     assert int(blocks[-1].data[2]) == 1
+
+
+@pytest.mark.parametrize("there", [(7,), (7, 8), (2, 13)])
+def test_who_is_in_fewer_than_three_frames_is_followed_where_nobody_is_in_the_others(
+    scene: tuple[People, np.ndarray], there: tuple[int, ...]
+) -> None:
+    """That no two cameras agreed was said, and the cameras were blamed."""
+    people, order = scene
+    few = [[p[order[f, v, : len(p)] == 0] for v, p in enumerate(views)] for f, views in enumerate(people)]
+    few = [views if f in there else [found[:0] for found in views] for f, views in enumerate(few)]
+    tracks, told = followed(few, np.zeros_like(order))
+    assert not [t for t in told if "no two cameras agree" in t]
+    assert (tracks["tracks/people"][list(there), :, 0] == 0).all()
+    assert int(tracks["tracks/choice"][2]) == 1
+
+
+def test_cameras_that_agree_on_nobody_are_said_so(scene: tuple[People, np.ndarray]) -> None:
+    """Each shows somebody elsewhere in every frame."""
+    people, order = scene
+    off = np.zeros((len(people), len(RIG), 1, 17, 3))
+    off[..., :2] = np.random.default_rng(0).uniform(-200, 200, off[..., :2].shape)
+    astray = [[found[:1] + off[f, v] for v, found in enumerate(views)] for f, views in enumerate(people)]
+    _, told = followed(astray, np.zeros_like(order))
+    assert [t for t in told if "no two cameras agree" in t]

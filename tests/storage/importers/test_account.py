@@ -122,6 +122,23 @@ def test_cameras_in_another_unit_are_said_with_what_it_may_be(tmp_path: Path) ->
     assert "multiply translations by 0.01 or 0.001" in told[0]
 
 
+def test_cameras_that_another_unit_makes_small_are_said_with_what_it_may_be(tmp_path: Path) -> None:
+    """Metres that were read as millimetres: everything is carved away, and the pictures are empty."""
+
+    def told(times: float) -> list[str]:
+        near = {"t": lambda v: (times * ring.translation(v)).tolist()}
+        return [n for n in find_capture("images", write(tmp_path, **near), {}).notes if "read as if" in n]
+
+    (sentence,) = told(0.0003)
+    assert "read as if they were millimetres? Then cameras lie up to" in sentence
+    assert "multiply translations by 1000" in sentence
+    (sentence,) = told(0.002)
+    assert "centimetres or millimetres" in sentence
+    assert "multiply translations by 100 or 1000" in sentence
+    assert not told(1.0)
+    assert not told(0.1), "a rig of decimetres there may be"
+
+
 def test_a_camera_whose_pictures_stay_the_same_while_others_change_is_said_with_its_frames(tmp_path: Path) -> None:
     """Stood still for all, as before a statue, it is no fault of one."""
     write(tmp_path)
