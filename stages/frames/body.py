@@ -41,7 +41,8 @@ def pixels_per_metre(joints: np.ndarray, set_id: str) -> float:
     """Scale of a picture at a person, from the joints [J, 3] (u, v, score) px; 0 where no limb of known length is seen.
 
     Every limb gives a lower bound, because it may point at the camera; the second largest is taken, so that one wrong
-    joint does no harm.
+    joint does no harm. Of somebody all of whom points there it is too small: where joints are known in space
+    `posegaussian.stages.frames.own_joints.pixels_per_metre_at` is right.
     """
     known = joint_set(set_id)
     found = []
@@ -52,28 +53,26 @@ def pixels_per_metre(joints: np.ndarray, set_id: str) -> float:
     return found[-2] if len(found) > 2 else found[-1] if found else 0.0
 
 
-def body_shape(joints: np.ndarray, set_id: str, size: tuple[int, int], thickness: float = 1.0) -> np.ndarray:
-    """[h, w] bool of a picture of `size` (width, height): limbs, torso and head of one person, `thickness` times as
-    thick as usual.
+def body_shape(joints: np.ndarray, set_id: str, size: tuple[int, int], scale: float) -> np.ndarray:
+    """[h, w] bool of a picture of `size` (width, height): limbs, torso and head of one person.
 
-    joints [J, 3] (u, v, score) px, our pixel centres; score 0 = unknown, and what hangs on it is left out.
+    joints [J, 3] (u, v, score) px, our pixel centres; score 0 = unknown, and what hangs on it is left out. scale: px of
+    a metre there, times the person's size over a grown one's.
     """
     out = np.zeros((size[1], size[0]), np.uint8)
-    for part in _parts(joints, set_id, thickness):
+    for part in _parts(joints, set_id, scale):
         part.draw(out)
     return out > 0
 
 
-def body_depth(
-    joints: np.ndarray, depth: np.ndarray, set_id: str, size: tuple[int, int], thickness: float = 1.0
-) -> np.ndarray:
+def body_depth(joints: np.ndarray, depth: np.ndarray, set_id: str, size: tuple[int, int], scale: float) -> np.ndarray:
     """[h, w] float32 metres along the optical axis, of the nearest bone where `body_shape` has a body; infinite
     elsewhere.
 
     joints [J, 3] as there, depth [J] metres of each. Of bones, not of the skin, because only these are known.
     """
     out, drawn = np.full((size[1], size[0]), np.inf, np.float32), np.zeros((size[1], size[0]), np.uint8)
-    for part in _parts(joints, set_id, thickness):
+    for part in _parts(joints, set_id, scale):
         part.draw(drawn)
         left, top, width, height = cv2.boundingRect(drawn)
         box = slice(top, top + height), slice(left, left + width)
@@ -83,10 +82,9 @@ def body_depth(
     return out
 
 
-def limb_bones(joints: np.ndarray, set_id: str, size: tuple[int, int], thickness: float) -> np.ndarray:
+def limb_bones(joints: np.ndarray, set_id: str, size: tuple[int, int], scale: float) -> np.ndarray:
     """[h, w] bool: arms and legs alone, as of `body_shape`."""
-    out = np.zeros((size[1], size[0]), np.uint8)
-    scale, known_set = thickness * pixels_per_metre(joints, set_id), joint_set(set_id)
+    out, known_set = np.zeros((size[1], size[0]), np.uint8), joint_set(set_id)
     at = points_to_integer_centres(joints[:, :2])
     for (a, b), kind in zip(known_set.limbs, bone_kinds(known_set), strict=True):
         if kind in LENGTHS and kind != TRUNK and joints[a, 2] > 0 and joints[b, 2] > 0:
@@ -125,11 +123,11 @@ class _Part:
         return np.asarray(np.clip(ends.mean() + (pixels - middle) @ slope, ends.min(), ends.max()))
 
 
-def _parts(joints: np.ndarray, set_id: str, thickness: float) -> Iterator[_Part]:
-    """What a body is made of in a picture, of joints [J, 3] and a thickness as of `body_shape`."""
-    scale, known_set = thickness * pixels_per_metre(joints, set_id), joint_set(set_id)
+def _parts(joints: np.ndarray, set_id: str, scale: float) -> Iterator[_Part]:
+    """What a body is made of in a picture, of joints [J, 3] and a scale as of `body_shape`."""
     if scale <= 0:
         return
+    known_set = joint_set(set_id)
     known, at = joints[:, 2] > 0, points_to_integer_centres(joints[:, :2])
     for (a, b), kind in zip(known_set.limbs, bone_kinds(known_set), strict=True):
         if known[a] and known[b]:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from posegaussian.stages.frames.body import body_depth
-from posegaussian.stages.frames.own_joints import not_too_broad, own_joints
+from posegaussian.stages.frames.body import body_depth, pixels_per_metre
+from posegaussian.stages.frames.own_joints import not_too_broad, own_joints, person_depth
 from posegaussian.stages.geometry.points import NEAR, project
 from posegaussian.storage.model.cameras import Rig
 
@@ -54,17 +54,17 @@ def others_in(
     def depth_of(joints: np.ndarray, thickness: float) -> np.ndarray:
         pixels, depth = (a[:, 0] for a in project(rig.subset([view]), joints[:, :3]))
         seen = np.concatenate([pixels / cell, (joints[:, 3] * (depth > NEAR))[:, None]], axis=-1)
-        return body_depth(seen, depth, set_id, size, thickness)
+        return body_depth(seen, depth, set_id, size, thickness * pixels_per_metre(seen, set_id))
 
     subject = own_joints(subject, set_id)
-    middle, wide = _middle(rig, view, subject), depth_of(subject, WIDE)
+    middle, wide = person_depth(rig, view, subject), depth_of(subject, WIDE)
     farther, there = np.full(wide.shape, -np.inf), np.zeros(wide.shape, bool)
     for person in known:
         other = own_joints(not_too_broad(person, subject, set_id), set_id)
         depth = depth_of(other, 1.0)
         covered = np.isfinite(depth)
         farther[covered] = np.maximum(
-            farther[covered], wide[covered] - depth[covered] + WHOLE * (middle - _middle(rig, view, other))
+            farther[covered], wide[covered] - depth[covered] + WHOLE * (middle - person_depth(rig, view, other))
         )
         there |= covered
     body, around = np.isfinite(depth_of(subject, 1.0)), np.isfinite(wide)
@@ -74,12 +74,6 @@ def others_in(
     beside = there & ~around
     nearer = _distance(before | beside) < _distance(body & ~before)
     return Others(before, beside, nearer & ~around, float((before & body).sum() / body.sum()))
-
-
-def _middle(rig: Rig, view: int, joints: np.ndarray) -> float:
-    """Depth, metres, of the middle of the joints [J, 4] that are known; 0 where none is."""
-    depth = joints[:, :3] @ rig.rotations[view, 2] + rig.world_to_camera[view, 2, 3]
-    return float(np.median(depth[joints[:, 3] > 0])) if (joints[:, 3] > 0).any() else 0.0
 
 
 def _distance(shape: np.ndarray) -> np.ndarray:

@@ -6,6 +6,8 @@ from __future__ import annotations
 import numpy as np
 
 from posegaussian.stages.frames.body import LENGTHS, TRUNK, bone_kinds
+from posegaussian.stages.geometry.points import NEAR
+from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.joint_sets import joint_set
 
 LONGEST = 1.25
@@ -65,3 +67,17 @@ def person_size(joints: np.ndarray, set_id: str) -> float:
     bones = [(joints[a], joints[b], length) for a, b, length in _bones(set_id)]
     found = [float(np.linalg.norm(a[:3] - b[:3])) / length for a, b, length in bones if a[3] > 0 and b[3] > 0]
     return max(float(np.median(found)), 1e-6) if found else 1.0
+
+
+def person_depth(rig: Rig, view: int, joints: np.ndarray) -> float:
+    """Metres along a view's optical axis to the middle of a person's joints [J, 4] that are known; 0 where none is."""
+    depth = joints[:, :3] @ rig.rotations[view, 2] + rig.world_to_camera[view, 2, 3]
+    return float(np.median(depth[joints[:, 3] > 0])) if (joints[:, 3] > 0).any() else 0.0
+
+
+def pixels_per_metre_at(rig: Rig, view: int, joints: np.ndarray, set_id: str) -> float:
+    """Scale of a picture at a person's joints in space [J, 4], times their size over a grown one's; 0 where no joint is
+    known, or they are behind the camera."""
+    depth = person_depth(rig, view, joints)
+    focal = float(rig.intrinsics[view, [0, 1], [0, 1]].mean())
+    return focal / depth * person_size(joints, set_id) if depth > NEAR else 0.0

@@ -83,6 +83,8 @@ class Known:
     """Whether nobody else is known to be there, so that what lies at a hand is held by it."""
     others: Others | None = None
     """Where somebody else is; None where nobody is known to be."""
+    scale: float = 0.0
+    """Pixels of a metre at the subject, times its size over a grown person's; 0 where no joint is known in space."""
 
 
 def person_matte(
@@ -126,8 +128,15 @@ def person_matte(
 
 
 def _scale(known: Known) -> float:
-    """Pixels of a metre at the subject; from the extent of what was seen where no limb tells."""
+    """Pixels of a metre at the subject, from its limbs in the picture, of which each is a lower bound, and where joints
+    stand in for a segmentation also from where it is; from the extent of what was seen where none of these tells.
+
+    Beside a segmentation margins and windows alone hang on the scale, and those fitted to limbs are exact enough: wider
+    ones lose .01 of IoU of somebody filmed from head to waist.
+    """
     scale = pixels_per_metre(known.joints, known.joint_set)
+    if known.hint is None:
+        scale = max(scale, known.scale)
     for field in (known.hint, known.confirmed):
         if scale <= 0 and field is not None and (field > 0.5).any():
             scale = max(float(np.ptp(n)) for n in np.nonzero(field > 0.5)) / STATURE
@@ -141,7 +150,7 @@ def _prior(known: Known, hands: np.ndarray, scale: float, reach: float) -> np.nd
     segmentation may be off.
     """
     size = (hands.shape[1], hands.shape[0])
-    body = body_shape(known.joints, known.joint_set, size)
+    body = body_shape(known.joints, known.joint_set, size, scale)
     others = np.zeros(body.shape, bool) if known.others is None else known.others.anywhere
     body &= ~others
     if known.hint is not None:
@@ -149,7 +158,7 @@ def _prior(known: Known, hands: np.ndarray, scale: float, reach: float) -> np.nd
         prior = np.where(hands, np.maximum(prior, MAY_HOLD), prior)
         if known.confirmed is not None:
             missed = (
-                limb_bones(known.joints, known.joint_set, size, BONE)
+                limb_bones(known.joints, known.joint_set, size, BONE * scale)
                 & (known.confirmed > 0.5)
                 & (_distance(known.hint > 0.5) > reach)
             )
@@ -162,7 +171,7 @@ def _prior(known: Known, hands: np.ndarray, scale: float, reach: float) -> np.nd
         if known.confirmed is not None:
             prior += HULL * (known.confirmed - 1)
         prior = np.clip(prior, RULED_OUT, FAR_INSIDE)
-    elif known.confirmed is not None:
+    elif known.confirmed is not None and not _outside(known, size):
         prior = _logit(known.confirmed)
     else:
         return None
@@ -172,6 +181,13 @@ def _prior(known: Known, hands: np.ndarray, scale: float, reach: float) -> np.nd
         prior = np.where((known.possible < 0.5) & ~body, ruled_out, prior)
     prior = np.where(others, RULED_OUT, prior)
     return prior.astype(np.float32)
+
+
+def _outside(known: Known, size: tuple[int, int]) -> bool:
+    """Whether joints are known, and all of them lie beside a picture of `size` (width, height): then other views that
+    confirm its rim, coarse as they are, say nothing that a plate does not say better."""
+    joints = known.joints[known.joints[:, 2] > 0, :2]
+    return len(joints) > 0 and not ((joints >= 0) & (joints <= size)).all(axis=1).any()
 
 
 def _about(known: Known, joints: tuple[str, ...], size: tuple[int, int], reach: float) -> np.ndarray:

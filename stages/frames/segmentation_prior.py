@@ -9,6 +9,7 @@ import numpy as np
 from posegaussian.stages.contract.facts import SEGMENTED, TRACKED
 from posegaussian.stages.contract.io import Inputs
 from posegaussian.stages.frames.other_people import Others, others_in
+from posegaussian.stages.frames.own_joints import pixels_per_metre_at
 from posegaussian.stages.frames.person_matte import FAINT, Known
 from posegaussian.stages.geometry.projection import pixel_centres, rays
 from posegaussian.stages.geometry.subject import look_at_point
@@ -84,10 +85,12 @@ class Hints:
         if in_space.any():
             joints[~in_space, 2] = 0.0
         possible, confirmed = self.support(view, frame) or (None, None)
-        assert self._inputs.joint_set is not None, "the person matte needs joints"
+        rig, joint_set = self._inputs.rig, self._inputs.joint_set
+        assert joint_set is not None, "the person matte needs joints"
         alone = self._alone is not None and bool(self._alone[frame, 0])
         hint, others = self.of_view(view, frame), self.others(view, frame)
-        return Known(hint, joints, self._inputs.joint_set, possible, confirmed, alone, others)
+        scale = pixels_per_metre_at(rig, view, np.asarray(self._joints3d[frame], dtype=np.float64), joint_set)
+        return Known(hint, joints, joint_set, possible, confirmed, alone, others, scale)
 
     def hidden(self, view: int, frame: int) -> bool:
         """Whether somebody else hides the subject from a view."""
@@ -115,8 +118,9 @@ class Hints:
         """Possible and confirmed [h, w] float32 0..1 of a view's pixels by what all other views saw; None where none
         saw the subject.
 
-        See `support.ray_support`. Where somebody else stands before the subject a view says nothing, and where they
-        stand beside it the subject is not. Rays are walked as deep as the known joints lie, give or take half a metre.
+        See `support.ray_support`. Where its estimator did not look, and where somebody else stands before the subject,
+        a view says nothing; where they stand beside it the subject is not. Rays are walked as deep as the known joints
+        lie, give or take half a metre.
         """
         inputs = self._inputs
         grids = {u: self.of_view(u, frame, CELL) for u in inputs.views.sources if u != view}
@@ -188,11 +192,10 @@ def _fields(rig: Rig, grids: dict[int, np.ndarray], radius: dict[int, int], othe
         np.full((len(views), height, width), -1.0, np.float32),
     )
     for i, v in enumerate(views):
-        saw = np.maximum(grids[v], 0)
-        may = saw
+        saw = grids[v]
         if (other := others[v]) is not None:
             saw = np.where(other.before, np.float32(-1), np.where(other.beside, np.float32(0), saw))
-            may = np.abs(saw)
+        may = np.abs(saw)  # -1, a view that does not look or see past, leaves everything possible
         disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius[v] + 1,) * 2)
         possible[i, : saw.shape[0], : saw.shape[1]] = cv2.dilate(np.clip(may / np.float32(2 * FAINT), 0, 1), disc)
         seen[i, : saw.shape[0], : saw.shape[1]] = saw

@@ -152,7 +152,7 @@ def notes(evidence: Evidence) -> list[str]:
 STAGE = Stage(
     name="frames",
     summary="Decode, crop, undistort and scale the pictures, and find the foreground.",
-    version=3,
+    version=4,
     run="posegaussian.stages.frames.run:run",
     check="posegaussian.stages.frames.run:check",
     reads=(

@@ -7,7 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.contract.io import Block
+from posegaussian.stages.contract.judged import PERSON_MATTE, PLATE_MATTE
 from posegaussian.stages.contract.path_inputs import PathInputs
 from posegaussian.stages.metrics.measures.declaration import Metric, Pictures, Unavailable, Value
 from posegaussian.stages.metrics.measures.registry import METRICS
@@ -73,12 +75,20 @@ def run(inputs: PathInputs, params: MetricsParams) -> Iterator[Block]:
                 f"{path.names[c]}: nobody is in {empty} of {len(span) - halo} frames by its mask; they are not measured"
             )
         if any(shares):
-            notes.append(
-                f"{path.names[c]}: the subject stands behind something in {np.count_nonzero(shares)} of"
-                f" {len(span) - halo} frames, up to {max(shares):.0%} of it; what is hidden there is left out of the"
-                " measures"
-            )
+            notes.append(f"{path.names[c]}: {_told(shares, len(span) - halo, inputs.facts)}")
     yield Block("metrics/{path}", table, notes=tuple(notes))
+
+
+def _told(shares: list[float], frames: int, facts: Facts) -> str:
+    """What is left out of a camera's measures: the shares of the subject, by frame. Of a mask that came with the
+    capture it is what something hides; a matte made here may as well lack it by mistake."""
+    where = f"in {np.count_nonzero(shares)} of {frames} frames, up to {max(shares):.0%} of it"
+    if facts & {PERSON_MATTE, PLATE_MATTE}:
+        return (
+            f"its matte lacks something of the subject {where}, as the source views see it: it stands behind something"
+            " there, or the matte is wrong; what is lacking is left out of the measures"
+        )
+    return f"the subject stands behind something {where}; what is hidden there is left out of the measures"
 
 
 class Region(NamedTuple):

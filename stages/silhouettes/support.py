@@ -37,7 +37,8 @@ def ray_support(
     Possible is the most, along the ray, of the least that any view holds possible: a view that does not see a point,
     beside its picture or behind its camera, carves nothing. A point that fewer than two views see (or not the only
     other one) is possible only near a joint [J, 3], metres, where there are any. Confirmed is the most of the least
-    that was seen, over points that so many views see; 0 where there are none.
+    that was seen, over points near a joint that so many views see; 0 where there are none: far from all joints what
+    several views saw meets by chance, on rays that lead past the subject.
     """
     possible, confirmed = np.ones(len(directions), np.float32), np.zeros(len(directions), np.float32)
     if len(fields.projections) and len(depths):
@@ -96,8 +97,8 @@ def _walk(
                     least_seen = min(least_seen, seen[v, i, j])
                 if least <= best and least_seen <= sure:
                     break
-            if witnesses >= needed:
-                sure = max(sure, least_seen)
+            if witnesses >= needed and least_seen > sure and _near(x, y, w, joints):
+                sure = least_seen
             if least > best and (witnesses >= needed or _near(x, y, w, joints)):
                 best = least
             if best >= 1 and sure >= 1:

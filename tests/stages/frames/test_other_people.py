@@ -12,7 +12,7 @@ import pytest
 
 from posegaussian.stages.contract.facts import TRACKED
 from posegaussian.stages.contract.io import Block
-from posegaussian.stages.frames.body import body_depth, body_shape
+from posegaussian.stages.frames.body import body_depth, body_shape, pixels_per_metre
 from posegaussian.stages.frames.other_people import others_in
 from posegaussian.stages.frames.own_joints import not_too_broad, own_joints
 from posegaussian.stages.frames.params import FramesParams
@@ -134,8 +134,9 @@ def test_bodies_have_the_depth_of_their_nearest_bone() -> None:
     for v in range(VIEWS):
         camera = person.rig.world_to_camera[v]
         depth = person.joints3d[0, :, :3] @ camera[2, :3] + camera[2, 3]
-        found = body_depth(person.joints2d[0, v], depth, "coco17", (SIZE, SIZE))
-        shape = body_shape(person.joints2d[0, v], "coco17", (SIZE, SIZE))
+        scale = pixels_per_metre(person.joints2d[0, v], "coco17")
+        found = body_depth(person.joints2d[0, v], depth, "coco17", (SIZE, SIZE), scale)
+        shape = body_shape(person.joints2d[0, v], "coco17", (SIZE, SIZE), scale)
         np.testing.assert_array_equal(np.isfinite(found), shape)
         seen = shape & (person.depth[0, v] > 0)
         off = found[seen] - person.depth[0, v][seen]  # of the skin, which lies before the bone

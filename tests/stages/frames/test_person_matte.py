@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+from posegaussian.stages.frames.body import body_shape
 from posegaussian.stages.frames.params import FramesParams, better_matte, matte_choice
 from posegaussian.stages.frames.person_matte import Known, person_matte
 from posegaussian.stages.frames.stage import STAGE
@@ -18,6 +19,7 @@ from posegaussian.storage.model.joint_sets import COCO17
 from tests.support.frame_readers import Pictures, overlap, wall
 from tests.support.memory_inputs import run_stage
 from tests.support.person_estimates import FACTS, hints_of, segmented
+from tests.support.walking_skeleton import SKELETON
 
 SIZE = 160
 THRESHOLD, MARGIN = FramesParams().plate_threshold, FramesParams().hint_margin
@@ -232,6 +234,33 @@ def test_the_gap_between_arm_and_body_stays_open() -> None:
     found = person_matte(picture, known, (ground, np.full((size, size), 2, np.uint8)), THRESHOLD, MARGIN)
     assert found is not None
     assert (found[63:98, 68:78] < 128).mean() > 0.9
+
+
+def test_somebody_just_beside_a_picture_is_not_in_it() -> None:
+    """The other views, coarse as they are, confirm a strip along its edge."""
+    person, walls = before_a_wall()
+    beside = np.zeros((SIZE, SIZE), np.float32)
+    beside[:, :12] = 1.0
+    joints = np.concatenate([person.joints2d[0, 0, :, :2], np.ones((17, 1))], axis=1)
+    joints[:, 0] -= joints[:, 0].max() + 5
+    known, plate = Known(None, joints, "coco17", beside, beside), (walls[0], np.full((SIZE, SIZE), 2, np.uint8))
+    assert person_matte(walls[0], known, plate, THRESHOLD, MARGIN) is None
+    joints[:, 0] += 10
+    assert person_matte(walls[0], known, plate, THRESHOLD, MARGIN) is not None
+
+
+def test_limbs_that_point_at_the_camera_are_as_thick_as_others() -> None:
+    """Joints alone tell of somebody who lies along the optical axis: how far away is known, the limbs are short."""
+    ground, scale = np.clip(wall(SIZE, 3), 0, 255).astype(np.uint8), 90.0
+    upright = SKELETON[:, [1, 2]] * [1.0, -1.0]
+    joints = np.concatenate([80 + scale * (upright - upright.mean(axis=0)) * [1.0, 0.3], np.ones((17, 1))], axis=1)
+    body = body_shape(joints, "coco17", (SIZE, SIZE), scale)
+    picture = np.where(body[..., None], np.array([60, 90, 190]), ground).astype(np.uint8)
+    known = Known(None, joints, "coco17", None, None, scale=scale)
+    for told, least, most in ((known, 0.95, 1.0), (replace(known, scale=0.0), 0.0, 0.9)):
+        found = person_matte(picture, told, None, THRESHOLD, MARGIN)
+        assert found is not None
+        assert least <= overlap(found, 255 * body.astype(np.uint8)) <= most
 
 
 def arrays_of(person: PersonCapture, walls: np.ndarray) -> dict[str, np.ndarray]:
