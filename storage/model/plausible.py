@@ -7,6 +7,8 @@ hours before it shows as an empty picture. Raised sentences name the thing, the 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from posegaussian.storage.model.errors import CalibrationError, SourceError
@@ -127,13 +129,11 @@ def check_place(name: str, translation: np.ndarray, middle: np.ndarray, apart: f
 def unit_of(apart: float) -> str:
     """What follows "in": the units in which cameras that lie `apart` m from one another, as read, would lie as those of
     a rig do, and what to multiply them by; empty where there is none."""
-    fitting = {u: f for u, f in UNITS.items() if APART[0] <= apart * f <= APART[1]}
-    if not fitting:
+    units, lengths, factors = _fitting(apart, UNITS)
+    if not units:
         return ""
-    lengths = " or ".join(f"{apart * f:.3g} m" for f in fitting.values())
-    factors = " or ".join(f"{f:g}" for f in fitting.values())
     return (
-        f"{' or in '.join(fitting)}? Then cameras lie up to {lengths} apart: multiply translations by {factors}, or set"
+        f"{' or in '.join(units)}? Then cameras lie up to {lengths} apart: multiply translations by {factors}, or set"
         " the option scale where the layout has it"
     )
 
@@ -141,15 +141,21 @@ def unit_of(apart: float) -> str:
 def smaller_unit(apart: float) -> str:
     """What follows "as if": the units that metres were taken for where cameras that lie `apart` m from one another, as
     read, would lie as those of a rig do in metres, and what to multiply them by; empty where there is none."""
-    fitting = {u: 1 / f for u, f in UNITS.items() if APART[0] <= apart / f <= APART[1]}
-    if not fitting:
+    units, lengths, factors = _fitting(apart, {unit: 1 / metres for unit, metres in UNITS.items()})
+    if not units:
         return ""
-    lengths = " or ".join(f"{apart * f:.3g} m" for f in fitting.values())
-    factors = " or ".join(f"{f:g}" for f in fitting.values())
     return (
-        f"they were {' or '.join(fitting)}? Then cameras lie up to {lengths} apart: multiply translations by {factors},"
+        f"they were {' or '.join(units)}? Then cameras lie up to {lengths} apart: multiply translations by {factors},"
         " or the option scale where the layout has it"
     )
+
+
+def _fitting(apart: float, factors: Mapping[str, float]) -> tuple[list[str], str, str]:
+    """The units by whose factor cameras `apart` m from one another come to lie as those of a rig do, how far that is,
+    and the factors, in words."""
+    fitting = {unit: factor for unit, factor in factors.items() if APART[0] <= apart * factor <= APART[1]}
+    lengths = " or ".join(f"{apart * factor:.3g} m" for factor in fitting.values())
+    return list(fitting), lengths, " or ".join(f"{factor:g}" for factor in fitting.values())
 
 
 def check_rotation_vector(name: str, vector: np.ndarray) -> None:

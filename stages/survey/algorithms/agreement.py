@@ -33,8 +33,7 @@ class AgreementLook(Look):
     `agreement_of_view`, `links_of_view`."""
 
     def __init__(self, names: tuple[str, str], inputs: Inputs, view: int, sample: np.ndarray) -> None:
-        """names: of the two arrays; sample: the view's sampled source frames, those with
-        somebody."""
+        """names: of the two arrays; sample: the view's sampled source frames, those with somebody."""
         self._agreement, self._links = names
         self._inputs, self._view, self._sample = inputs, view, sample
         self._own: dict[int, Seen] = {}
