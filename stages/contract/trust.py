@@ -27,6 +27,8 @@ class Told(IntEnum):
     """The same; in the place of another wrong one it would stand right."""
     BY_JOINTS = 3
     """It is turned by what joints say, in place of silhouettes."""
+    MOVED = 4
+    """In mid-take; what is noted of its turn is by how much."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,8 @@ class Belief:
     """One sentence for the plan."""
     turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Rad about its own axes by which it stands turned against what is written down."""
+    moved: bool = False
+    """Whether it was moved in mid-take."""
 
 
 @dataclass(frozen=True)

@@ -17,14 +17,14 @@ from posegaussian.stages.inspection.planned import Planned
 from posegaussian.stages.survey.algorithms.agreement import agreement_of_view
 from posegaussian.stages.survey.algorithms.links import in_common
 from posegaussian.stages.survey.algorithms.sample import look, of_somebody, sample_numbers
-from posegaussian.stages.survey.algorithms.standing import AsTheyStand, standing_in
-from posegaussian.stages.survey.algorithms.standing import told as standing_told
 from posegaussian.stages.survey.measures.agreement import NAME as AGREEMENT
 from posegaussian.stages.survey.measures.contrast import CONTRAST, ContrastLook
 from posegaussian.stages.survey.measures.declaration import Sampled
 from posegaussian.stages.survey.measures.standing import STANDING
 from posegaussian.stages.survey.params import LONGEST, SurveyParams
 from posegaussian.stages.survey.run import FEW
+from posegaussian.stages.survey.standing.standing import AsTheyStand, standing_in
+from posegaussian.stages.survey.standing.standing import told as standing_told
 from posegaussian.stages.survey.trust import TRUST
 
 MEASURE = "agreement"
@@ -39,6 +39,12 @@ ADVICE = (
 ADVICE_BLANK = (
     "look at its pictures: a cap on the lens, a lamp in it, a recording that failed; until then a run leaves it out by"
     " itself (views.trust: all believes every camera)"
+)
+
+
+ADVICE_MOVED = (
+    "work on the frames before and after apart (frames.range), each with a calibration of its own; until then a run"
+    " leaves it out by itself (views.trust: all believes every camera)"
 )
 
 
@@ -93,7 +99,7 @@ def _of_camera(verdict: CameraVerdict) -> Finding:
         return unmeasured(MEASURE, names, TRUST.unit, TRUST.bound, TRUST.bound, belief.reason)
     told, advice, found = belief.reason, "", FindingVerdict.GOOD
     if verdict.state == "left out":
-        advice, found = ADVICE, FindingVerdict.LEFT_OUT
+        advice, found = ADVICE_MOVED if belief.moved else ADVICE, FindingVerdict.LEFT_OUT
     elif verdict.turn.any():
         advice, found = ADVICE_TURNED, FindingVerdict.DOUBTFUL
         told = f"it stands turned by {np.degrees(np.linalg.norm(verdict.turn)):.2f} degrees: {told}"

@@ -11,7 +11,7 @@ joints tell nothing of a camera that is turned along the lines of the others, as
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -126,6 +126,18 @@ class Outlined:
 
 
 @dataclass(frozen=True, eq=False)
+class Moved:
+    """When a camera was moved, and how."""
+
+    before: int
+    """The last frame in which it stands as before, of those that were asked."""
+    after: int
+    """The first in which it does not."""
+    by: np.ndarray
+    """[3] rad in its axes from one to the other."""
+
+
+@dataclass(frozen=True, eq=False)
 class Standing:
     """How cameras stand."""
 
@@ -140,6 +152,8 @@ class Standing:
     turned or wrong contradicts those that are right, as it is written down; 0 of all others."""
     by_joints: bool = False
     """Whether joints told it, in place of silhouettes."""
+    moved: Mapping[int, Moved] = field(default_factory=dict)
+    """Cameras that did not stand still, which no turn makes right."""
 
 
 def standing(rig: Rig, frames: Sequence[Outlined]) -> Standing:
@@ -172,13 +186,13 @@ def as_written(rig: Rig) -> Standing:
 def _fewest(rig: Rig, frames: Sequence[Outlined], views: Sequence[int], most: int) -> Standing | None:
     """The fewest of `views` that are wrong, at most so many; None where it is nobody, or not clear."""
     pixel = float(rig.size.max()) / SIDE
-    before = _total(rig, frames, views)
+    before = contradiction(rig, frames, views)
     if before < INCOHERENT * pixel:
         return None
     doubted, sets = [f.doubted(rig) for f in frames], [frozenset[int]()]
     for _ in range(most):
         larger = sorted({s | {v} for s in sets for v in views if v not in s}, key=sorted)
-        rest = {s: _total(rig, doubted, [v for v in views if v not in s]) for s in larger}
+        rest = {s: contradiction(rig, doubted, [v for v in views if v not in s]) for s in larger}
         sets = sorted(larger, key=lambda s: (rest[s], sorted(s)))[:BEAM]
         suspected = [s for s in sets if rest[s] <= REST * before]
         if suspected:
@@ -223,7 +237,7 @@ def _exchanged(
     stand = replace(
         rig, world_to_camera=rig.world_to_camera[order], intrinsics=rig.intrinsics[order], size=rig.size[order]
     )
-    return _total(stand, [f.standing(stand) for f in frames], views) <= REST * before
+    return contradiction(stand, [f.standing(stand) for f in frames], views) <= REST * before
 
 
 def _clear(left: Mapping[frozenset[int], float], before: float) -> frozenset[int] | None:
@@ -246,8 +260,8 @@ def _mean(rig: Rig, frames: Sequence[Outlined], views: Sequence[int]) -> dict[in
     return {v: float(np.mean([f.excess(rig, v).sum() / max(f.counts[v], 1) for f in alone])) for v in views}
 
 
-def _total(rig: Rig, frames: Sequence[Outlined], views: Sequence[int]) -> float:
-    """The same, mean over views."""
+def contradiction(rig: Rig, frames: Sequence[Outlined], views: Sequence[int]) -> float:
+    """Px by which `views` contradict each other as they stand in `rig`, mean over rays, frames and views."""
     return float(np.mean(list(_mean(rig, frames, views).values())))
 
 
@@ -324,7 +338,7 @@ def _moved(turns: np.ndarray, view: int, by: np.ndarray) -> np.ndarray:
 def _left(rig: Rig, alone: Sequence[Outlined], views: Sequence[int], turns: np.ndarray) -> float:
     """Px by which `views` contradict each other, turned."""
     stand = turned(rig, turns)
-    return _total(stand, [f.standing(stand) for f in alone], views)
+    return contradiction(stand, [f.standing(stand) for f in alone], views)
 
 
 def _rim(mask: np.ndarray) -> np.ndarray:

@@ -12,11 +12,11 @@ from posegaussian.stages.detection.reader import EstimatedJoints, joint_reader
 from posegaussian.stages.survey.algorithms.look import Look
 from posegaussian.stages.survey.algorithms.plate import padded
 from posegaussian.stages.survey.algorithms.sample import FEWEST, look, sample_numbers, worked_numbers
-from posegaussian.stages.survey.algorithms.standing import as_they_stand
 from posegaussian.stages.survey.measures.declaration import Sampled
 from posegaussian.stages.survey.measures.registry import MEASURES
 from posegaussian.stages.survey.measures.standing import STANDING
 from posegaussian.stages.survey.params import SurveyParams
+from posegaussian.stages.survey.standing.standing import as_they_stand
 
 FEW = 5
 """Frames of the sample in which light, noise and outlines are measured."""

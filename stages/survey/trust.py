@@ -41,11 +41,15 @@ with noise of 12 vary by 2, twelve simulated people of 192 and 512 px inside the
 marble, by 35 to 154; one in plain dark clothes, seen from behind, by 5, and with what lies around by 90."""
 BY_SILHOUETTES, BY_JOINTS = ("silhouette lies", "what the others leave"), ("joints lie", "those of the others")
 """What of a camera that is turned lies beside what."""
+MOVED = (
+    "it was moved by {:.2f} degrees between frames {:.0f} and {:.0f}, as what it shows of the subject tells: how it"
+    " stands is known in one part of the take at most"
+)
 WORDS = {"features": "matched features", "outlines": "outlines of masks", "joints": "joints"}
 
 
 def believed(names: tuple[str, ...], noted: Mapping[str, np.ndarray]) -> tuple[Belief, ...]:
-    """What the pairs' agreement [S, S, 3, 2], each pair in either order, the cameras' standing [S, 5] and the contrast
+    """What the pairs' agreement [S, S, 3, 2], each pair in either order, the cameras' standing [S, 7] and the contrast
     of their pictures [S] say of each of S cameras."""
     one_way = np.asarray(noted[NAME], dtype=np.float64)
     pairs = np.maximum(one_way, np.swapaxes(one_way, 0, 1))
@@ -53,7 +57,7 @@ def believed(names: tuple[str, ...], noted: Mapping[str, np.ndarray]) -> tuple[B
     kept = _majority(votes)
     found = [_belief(v, pairs, votes, kept) for v in range(len(names))]
     standing = np.asarray(noted[STANDING], np.float64)
-    exchanged = [n for n, row in zip(names, standing, strict=True) if row[-1] == Told.EXCHANGED]
+    exchanged = [n for n, row in zip(names, standing, strict=True) if row[4] == Told.EXCHANGED]
     stand = [
         _stands(b, row, [n for n in exchanged if n != name])
         for name, b, row in zip(names, found, standing, strict=True)
@@ -98,13 +102,15 @@ def _blank(contrast: np.ndarray) -> dict[int, Belief]:
 
 
 def _stands(belief: Belief, standing: np.ndarray, exchanged: list[str]) -> Belief:
-    """The verdict on one camera, with what is seen of how it stands [5]: turn, px apart over the longer side, and
-    `Told`, where `exchanged` are cameras whose files may be exchanged."""
-    *turn, apart, told = map(float, standing)
+    """The verdict on one camera, with what is seen of how it stands [7]: turn, px apart over the longer side,
+    `Told` and two source frames, where `exchanged` are cameras whose files may be exchanged."""
+    *turn, apart, told, before, after = map(float, standing)
+    measured, most = 100 * BOUNDS["features"] * apart / (APART / SIDE), 100 * APART / SIDE
+    if told == Told.MOVED:
+        return Belief(False, measured, MOVED.format(np.degrees(np.linalg.norm(turn)), before, after), moved=True)
     seen, others = BY_JOINTS if told == Told.BY_JOINTS else BY_SILHOUETTES
     beside = f"its {seen} {100 * apart:.2f} % of the picture's longer side beside {others}"
     if told in (Told.WRONG, Told.EXCHANGED):
-        measured, most = 100 * BOUNDS["features"] * apart / (APART / SIDE), 100 * APART / SIDE
         reason = f"{beside} (at most {most:.2g}), however it is turned"
         if exchanged and told == Told.EXCHANGED:
             reason += f"; in the place of {exchanged[0]} it would not: their files seem exchanged"

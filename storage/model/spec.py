@@ -38,7 +38,7 @@ FIXED_DIMS = {
     "point": 64,
     "link": 24,
     "two_xy": 4,
-    "standing": 5,
+    "standing": 7,
     "outcome": 8,
     "heads": 8,
     "region": 4,

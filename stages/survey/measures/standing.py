@@ -10,7 +10,7 @@ STANDING = "survey/standing"
 
 
 def _look(s: Sampled) -> Look:
-    from posegaussian.stages.survey.algorithms.standing import StandingLook
+    from posegaussian.stages.survey.standing.standing import StandingLook
 
     return StandingLook(STANDING, s.inputs, s.view)
 
@@ -20,12 +20,12 @@ MEASURE = Measure(
         ArraySpec(
             STANDING,
             ("view", "standing"),
-            "float32",
+            "float64",
             "1",
             "How a source view stands by its silhouette or by joints: rad by which it is turned about its own axes, by"
             " how much of the longer side it contradicts the others as it is written down, and 1 where no turn mends"
             " that, 2 where it would stand right in the place of the other one of which this is so, 3 where joints told"
-            " it.",
+            " it, 4 where it was moved by that turn in mid-take, between the two source frames that come last.",
             when=STANDING,
             noted=True,
         ),

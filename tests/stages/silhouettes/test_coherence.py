@@ -109,7 +109,7 @@ def test_a_frame_in_which_nobody_is_changes_nothing(person: PersonCapture) -> No
     rig, _ = written(person, {2: (0.0, 6.0, 0.0)})
     masks, alone = masks_of(person), found(rig, masks_of(person))
     assert set(np.flatnonzero(alone.turns.any(axis=1))) == {2}
-    for seen in range(FEWEST):
+    for seen in (0, FEWEST - 1):
         empty = {v: m * (v < seen) for v, m in masks.items()}
         for told in (found(rig, masks, empty), found(rig, empty, masks)):
             np.testing.assert_array_equal(told.turns, alone.turns)

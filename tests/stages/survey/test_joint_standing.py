@@ -12,8 +12,8 @@ import pytest
 from posegaussian.stages.imaging.small_turns import turned
 from posegaussian.stages.silhouettes.coherence import Standing
 from posegaussian.stages.survey.algorithms.agreement import FEWEST_DETECTED, _by_joints
-from posegaussian.stages.survey.algorithms.joint_standing import standing_by_joints
-from posegaussian.stages.survey.algorithms.standing import standing_in
+from posegaussian.stages.survey.standing.by_joints import standing_by_joints
+from posegaussian.stages.survey.standing.standing import standing_in
 from posegaussian.storage.model.cameras import Rig
 from tests.support.frame_readers import Pictures
 from tests.support.walking_skeleton import SKELETON, Joints2D, moving, pixels, ring, roles
@@ -233,3 +233,44 @@ def test_joints_that_are_few_or_not_believed_tell_nothing() -> None:
 def test_of_three_cameras_nobody_can_tell() -> None:
     rig, _ = written(right := ring(3, SIZE), {1: (18.0, 0.0, 0.0)})
     assert nobody(found(rig, detected(right)))
+
+
+@pytest.mark.parametrize("since", [2, 3])
+@pytest.mark.parametrize(
+    ("views", "px"),
+    [(4, {2: (0.0, 18.0, 0.0)}), (8, {1: (-12.0, 8.0, 0.0)}), (9, {0: (0.0, 30.0, 0.0), 5: (0.0, -18.0, 0.0)})],
+    ids=["one of four", "one of eight", "two of nine"],
+)
+def test_a_camera_that_was_moved_in_mid_take_is_told_with_the_moment(
+    since: int, views: int, px: dict[int, tuple[float, float, float]]
+) -> None:
+    rig, back = written(right := ring(views, SIZE), px)
+    joints = detected(right)
+    joints[:, since:] = detected(rig)[:, since:]
+    told = found(right, joints)
+    assert set(told.moved) == set(px)
+    assert not told.turns.any()
+    for v, moved in told.moved.items():
+        assert (moved.before, moved.after) == (APART_IN_TIME * (since - 1), APART_IN_TIME * since)
+        off = (moved.by + back[v]) * right.intrinsics[v, 0, 0]
+        assert np.abs(off[:2]).max() < 3.0
+
+
+def test_a_camera_that_is_wrong_in_a_single_frame_was_not_moved() -> None:
+    rig, _ = written(right := ring(8, SIZE), {2: (0.0, 18.0, 0.0)})
+    for n in range(FRAMES):
+        joints = detected(right)
+        joints[:, n] = detected(rig)[:, n]
+        assert nobody(told := found(right, joints))
+        assert not told.moved
+
+
+def test_others_are_turned_back_beside_one_that_was_moved() -> None:
+    rig, back = written(right := ring(9, SIZE), {4: (0.0, 18.0, 0.0)})
+    moved, _ = written(right, {1: (0.0, 25.0, 0.0)})
+    joints = detected(right)
+    joints[:, 3:] = detected(moved)[:, 3:]
+    told = found(rig, joints)
+    assert set(told.moved) == {1}
+    assert set(np.flatnonzero(told.turns.any(axis=1))) == {4}
+    assert np.abs((told.turns - back)[4, :2] * rig.intrinsics[4, 0, 0]).max() < 2.0

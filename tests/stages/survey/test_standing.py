@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
+from posegaussian.stages.contract.trust import Told
 from posegaussian.stages.imaging.small_turns import turned
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
 from posegaussian.stages.survey.measures.standing import STANDING
 from posegaussian.stages.survey.params import SurveyParams
 from posegaussian.stages.survey.stage import STAGE
+from posegaussian.storage.model.cameras import Rig
 from tests.support.frame_readers import Pictures
 from tests.support.memory_inputs import run_stage
 
@@ -21,6 +25,16 @@ def person() -> PersonCapture:
     return capture_person(views=VIEWS, size=SIZE, frames=1, held_out=0)
 
 
+def survey_of(rig: Rig, person: PersonCapture, masks: list[list[np.ndarray]], view: int) -> dict[str, Any]:
+    """What the stage writes of one view, with masks by view and frame."""
+    sources = {
+        "pictures": Pictures([[np.zeros((SIZE, SIZE, 3), np.uint8)] * FRAMES] * VIEWS),
+        "masks": Pictures(masks),
+    }
+    facts = frozenset({STANDING, "masks"})
+    return run_stage(STAGE, SurveyParams(), {}, rig, person.views, FRAMES, view=view, sources=sources, facts=facts)
+
+
 @pytest.mark.parametrize("there", [range(FRAMES), range(5, FRAMES), (4, 5), (9,)])
 def test_a_camera_that_was_bumped_is_found_though_nobody_is_in_most_frames(
     person: PersonCapture, there: range | tuple[int, ...]
@@ -28,22 +42,17 @@ def test_a_camera_that_was_bumped_is_found_though_nobody_is_in_most_frames(
     turns = np.zeros((VIEWS, 3))
     turns[2, 1] = 6.0 / person.rig.intrinsics[2, 0, 0]
     masks = [[person.mask[0, v] * (n in there) for n in range(FRAMES)] for v in range(VIEWS)]
-    sources = {
-        "pictures": Pictures([[np.zeros((SIZE, SIZE, 3), np.uint8)] * FRAMES] * VIEWS),
-        "masks": Pictures([list(m) for m in masks]),
-    }
-    out = run_stage(
-        STAGE,
-        SurveyParams(),
-        {},
-        turned(person.rig, turns),
-        person.views,
-        FRAMES,
-        view=2,
-        sources=sources,
-        facts=frozenset({STANDING, "masks"}),
-    )
-    row = out[STANDING][2]
+    row = survey_of(turned(person.rig, turns), person, masks, 2)[STANDING][2]
     off = (row[:3] + turns[2]) * person.rig.intrinsics[2, 0, 0]
     assert row[:3].any()
     assert np.abs(off[:2]).max() < 1.0
+
+
+@pytest.mark.parametrize("since", [4, 8])
+def test_a_camera_that_was_moved_in_mid_take_is_noted_with_the_frames(person: PersonCapture, since: int) -> None:
+    """By masks of a subject at rest, rolled by whole pixels; the sample here is every frame."""
+    moved = [np.roll(person.mask[0, 2], 6, axis=1) if n >= since else person.mask[0, 2] for n in range(FRAMES)]
+    masks = [moved if v == 2 else [person.mask[0, v]] * FRAMES for v in range(VIEWS)]
+    row = survey_of(person.rig, person, masks, 2)[STANDING][2]
+    assert tuple(row[4:]) == (Told.MOVED, since - 1, since)
+    assert row[3] == pytest.approx(6 / SIZE, abs=1 / SIZE)

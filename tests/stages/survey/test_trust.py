@@ -85,8 +85,8 @@ def test_masks_or_joints_alone_do_not_outvote_features_and_both_together_do() ->
 
 
 def test_what_silhouettes_say_turns_a_camera_or_leaves_it_out_whatever_lies_on_its_lines() -> None:
-    turn, standing = (0.0, 0.02, 0.001), np.zeros((6, 5))
-    standing[2, :4], standing[4, 3:] = (*turn, 0.01), (0.02, Told.WRONG)
+    turn, standing = (0.0, 0.02, 0.001), np.zeros((6, 7))
+    standing[2, :4], standing[4, 3:5] = (*turn, 0.01), (0.02, Told.WRONG)
     found = judged(parties(6, set()), standing)
     assert [v.state for v in found] == ["believed", "believed", "believed", "believed", "left out", "believed"]
     assert [i for i, v in enumerate(found) if v.turn.any()] == [2]
@@ -103,16 +103,28 @@ def test_what_silhouettes_say_turns_a_camera_or_leaves_it_out_whatever_lies_on_i
 
 
 def test_two_cameras_whose_files_are_exchanged_are_told_so() -> None:
-    standing = np.zeros((6, 5))
-    standing[1, 3:], standing[4, 3:] = (0.02, Told.EXCHANGED), (0.03, Told.EXCHANGED)
+    standing = np.zeros((6, 7))
+    standing[1, 3:5], standing[4, 3:5] = (0.02, Told.EXCHANGED), (0.03, Told.EXCHANGED)
     found = judged(parties(6, set()), standing)
     assert [v.state for v in found].count("left out") == 2
     assert "in the place of c4" in found[1].sentence
     assert "in the place of c1" in found[4].sentence
 
 
+def test_a_camera_that_was_moved_in_mid_take_is_left_out_and_the_moment_is_said() -> None:
+    standing = np.zeros((6, 7))
+    standing[3] = 0.0, 0.02, 0.0, 0.04, Told.MOVED, 120, 124
+    found = judged(parties(6, set()), standing)
+    assert [v.state for v in found].index("left out") == 3
+    assert not found[3].turn.any()
+    assert "moved by 1.15 degrees between frames 120 and 124" in found[3].sentence
+    assert found[3].belief is not None
+    assert found[3].belief.measured is not None
+    assert found[3].belief.measured > 0.3
+
+
 def test_a_camera_that_its_lines_accuse_all_the_same_is_left_out_and_not_turned() -> None:
-    standing = np.zeros((8, 5))
+    standing = np.zeros((8, 7))
     standing[2, 1] = 0.02
     found = judged(parties(8, {2}), standing)
     assert found[2].state == "left out"
@@ -120,8 +132,8 @@ def test_a_camera_that_its_lines_accuse_all_the_same_is_left_out_and_not_turned(
 
 
 def test_who_is_forced_is_believed_as_it_stands() -> None:
-    standing = np.zeros((6, 5))
-    standing[2, 1], standing[4, 3:] = 0.02, (0.02, 1)
+    standing = np.zeros((6, 7))
+    standing[2, 1], standing[4, 3:5] = 0.02, (0.02, 1)
     found = judged(parties(6, set()), standing, ["c2", "c4"])
     assert [v.state for v in found] == ["believed"] * 6
     assert found[2].turn.any()

@@ -254,9 +254,10 @@ def test_masks_of_another_size_put_the_outline_where_it_is(tmp_path: Path, size:
     for entry in entries["cameras"]:  # type: ignore[attr-defined]
         entry |= {"width": 320, "height": 240, "K": (np.diag([5.0, 5, 1]) @ np.array(entry["K"])).tolist()}
     import_capture.dump(tmp_path / "cameras.json", entries)
+    drawn = silhouette(*size, turn)
     for name in NAMES:
         for n in FRAMES:
-            written("16 bit")(tmp_path / "masks" / name / f"{n:06d}.png", silhouette(*size, turn))
+            written("16 bit")(tmp_path / "masks" / name / f"{n:06d}.png", drawn)
     capture = find(tmp_path)
     (told,) = said(capture, "the same shape, so masks are")
     assert told.startswith(f"cameras cam1, cam2, cam10: masks are {size[0]}x{size[1]} px, pictures 320x240 px")

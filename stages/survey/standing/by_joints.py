@@ -10,7 +10,7 @@ who stands beside: nobody is turned where that explains it.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -18,8 +18,9 @@ import numpy as np
 from posegaussian.stages.geometry.points import NEAR, project
 from posegaussian.stages.geometry.triangulation import Tracks, meeting, residuals
 from posegaussian.stages.imaging.small_turns import SIDE, turned
-from posegaussian.stages.silhouettes.coherence import BEAM, FEWEST, MOST_WRONG, Standing
+from posegaussian.stages.silhouettes.coherence import BEAM, FEWEST, MOST_WRONG, Moved, Standing
 from posegaussian.stages.survey.algorithms.joints import SCORE
+from posegaussian.stages.survey.standing.moved import ASKED, otherwise
 from posegaussian.storage.model.cameras import Rig, rigid
 
 APART = 5.0
@@ -71,8 +72,53 @@ def standing_by_joints(rig: Rig, people: np.ndarray, numbers: np.ndarray) -> Sta
     px of the rig, the largest first: the fewest of them turned so that the joints of theirs lie where those of the
     others do; nobody where that is not clear, or something else explains it as well.
 
-    Then the same of cameras that stand so, as a small turn hides behind a large one.
+    Then the same of cameras that stand so, as a small turn hides behind a large one. Cameras that stand otherwise by
+    the first frames than by the last were moved in between: they are told so, and have no say.
     """
+    found = _standing(rig, people, numbers)
+    moved = _moved(turned(rig, found.turns), people, numbers)
+    if not moved:
+        return found
+    heard = people.copy()
+    heard[sorted(moved), ..., 2] = 0.0
+    return replace(_standing(rig, heard, numbers), moved=moved)
+
+
+def _moved(rig: Rig, people: np.ndarray, numbers: np.ndarray) -> dict[int, Moved]:
+    """The cameras that were moved between two of the frames: in each of those before their joints lie nearer where the
+    others see them as they stand by the first frames, in each of those after as by the last."""
+    if len(numbers) < 2 * ASKED:
+        return {}
+    parts = (slice(ASKED), slice(-ASKED, None))
+    before, after = (_standing(rig, people[:, part], numbers[part]).turns for part in parts)
+    who = sorted(otherwise(rig, before, after))
+    if not who or len(who) > len(rig) // 3:
+        return {}
+    joints, right = people[:, :, 0], [v for v in range(len(rig)) if v not in who]
+    at_first, at_last = (_beside_of_frames(turned(rig, turns), joints, right)[:, who] for turns in (before, after))
+    as_first = [bool((first < last).all()) for first, last in zip(at_first, at_last, strict=True)]
+    as_last = [bool((last < first).all()) for first, last in zip(at_first, at_last, strict=True)]
+    count = sum(as_first)
+    once = all(as_first[:count]) and all(as_last[count:])
+    if not once or not ASKED <= count <= len(numbers) - ASKED:
+        return {}
+    first, last = int(numbers[count - 1]), int(numbers[count])
+    return {v: Moved(first, last, after[v] - before[v]) for v in who}
+
+
+def _beside_of_frames(rig: Rig, joints: np.ndarray, right: Sequence[int]) -> np.ndarray:
+    """[F, S] px of a picture of `SIDE` px by which the joints [S, F, J, 3] of each frame lie beside where those of the
+    cameras that are `right` meet, median; infinite of none."""
+    tracks = Tracks.of(rig, np.arange(len(rig)), joints.reshape(len(rig), -1, 3), SCORE)
+    known = ((tracks.weights[right] > 0).sum(axis=0) >= 2)[:, None] & (tracks.weights.T > 0)
+    off = np.where(known, _off(rig, tracks, _points(tracks, right)), np.nan)
+    of_frames = np.moveaxis(off.reshape(*joints.shape[1:3], len(rig)), 1, 0)
+    told = np.isfinite(of_frames).any(axis=0)
+    return np.where(told, np.nanmedian(np.where(told, of_frames, 0.0), axis=0), np.inf)
+
+
+def _standing(rig: Rig, people: np.ndarray, numbers: np.ndarray) -> Standing:
+    """The same, of cameras that stood still."""
     joints = people[:, :, 0].reshape(len(rig), -1, 3)
     tracks, wrong = Tracks.of(rig, np.arange(len(rig)), joints, SCORE), frozenset[int]()
     found = _Tried(wrong, np.zeros((len(rig), 3)), np.zeros(len(rig)), np.zeros(len(rig)), True, 0.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import reduce
+from functools import cache, reduce
 from hashlib import blake2b
 from typing import Any
 
@@ -17,12 +17,13 @@ from posegaussian.stages.detection.reader import EstimatedJoints, joint_reader
 from posegaussian.stages.imaging.small_turns import turned
 from posegaussian.stages.imaging.warp import Warp
 from posegaussian.stages.silhouettes.coherence import FEWEST, Outlined, Standing, as_written, standing
-from posegaussian.stages.survey.algorithms.joint_standing import standing_by_joints
 from posegaussian.stages.survey.algorithms.joints import by_size, people_of
 from posegaussian.stages.survey.algorithms.links import few_of
 from posegaussian.stages.survey.algorithms.look import Look
 from posegaussian.stages.survey.algorithms.sample import compared_numbers, of_somebody, sample_numbers, worked_numbers
 from posegaussian.stages.survey.algorithms.silhouettes import masks_of
+from posegaussian.stages.survey.standing.by_joints import standing_by_joints
+from posegaussian.stages.survey.standing.moved import without_moved
 from posegaussian.storage.model.masks import foreground
 
 _KEPT: dict[bytes, Standing] = {}
@@ -60,7 +61,7 @@ class AsTheyStand(Inputs):
 
 
 class StandingLook(Look):
-    """survey/standing [5] of one view."""
+    """survey/standing [7] of one view."""
 
     def __init__(self, name: str, inputs: Inputs, view: int) -> None:
         """name: of the array; inputs: with the cameras as they stand, as the survey gives them."""
@@ -73,11 +74,16 @@ class StandingLook(Look):
 
 
 def told(found: Standing, inputs: Inputs) -> np.ndarray:
-    """[V, 5] float32, as `survey/standing` holds it."""
-    apart = found.apart / float(inputs.rig.size.max())
+    """[V, 7] float64, as `survey/standing` holds it."""
+    rig, longest = inputs.rig, inputs.rig.size.max(axis=1)
+    apart = found.apart / float(longest.max())
     wrong = np.isin(np.arange(len(apart)), list(found.wrong)) * (Told.EXCHANGED if found.exchanged else Told.WRONG)
     told = np.where(found.by_joints & found.turns.any(axis=1), Told.BY_JOINTS, wrong)
-    return np.column_stack([found.turns, apart, told]).astype(np.float32)
+    rows = np.column_stack([found.turns, apart, told, np.zeros((len(apart), 2))])
+    for v, moved in found.moved.items():
+        share = np.linalg.norm(moved.by) * rig.intrinsics[v, 0, 0] / longest[v]
+        rows[v] = *moved.by, share, Told.MOVED, moved.before, moved.after
+    return rows
 
 
 def as_they_stand(inputs: Inputs, sample: int) -> AsTheyStand:
@@ -91,12 +97,22 @@ def standing_in(inputs: Inputs, numbers: np.ndarray) -> Standing:
     """How source cameras stand by their masks in some of the sampled source frames `numbers` [n], or, where fewer than
     `FEWEST` views have one that is not empty, by joints; as they are written down where these tell nothing either."""
     rig, sources, warps = inputs.rig, list(inputs.views.sources), dict[int, Warp]()
-    masks = [masks_of(inputs, int(n), warps) for n in compared_numbers(numbers)] if MASKS in inputs.facts else []
-    masks = [m for m in masks if sum(foreground(mask).any() for mask in m.values()) >= FEWEST]
-    if masks:
-        parts = [m[v] for m in masks for v in sorted(m)]
+    asked = list(compared_numbers(numbers)) if MASKS in inputs.facts else []
+
+    @cache
+    def masks(number: int) -> dict[int, np.ndarray]:
+        return masks_of(inputs, number, warps)
+
+    def outlined(number: int) -> Outlined:
+        return Outlined.of(rig, masks(number))
+
+    compared = [n for n in map(int, asked) if sum(foreground(m).any() for m in masks(n).values()) >= FEWEST]
+    if compared:
+        of_all = [(n, masks(n)) for n in sorted({*compared, int(numbers[0]), int(numbers[-1])})]
         return _kept(
-            (rig.digest, [sorted(m) for m in masks]), parts, lambda: standing(rig, [Outlined.of(rig, m) for m in masks])
+            (rig.digest, numbers.tolist(), [(n, sorted(m)) for n, m in of_all]),
+            [m[v] for _, m in of_all for v in sorted(m)],
+            lambda: without_moved(rig, numbers, outlined, standing(rig, [outlined(n) for n in compared])),
         )
     if JOINTS2D not in inputs.facts or len(sources) < FEWEST or _doubtful_pixels(inputs):
         return as_written(rig)
@@ -105,7 +121,7 @@ def standing_in(inputs: Inputs, numbers: np.ndarray) -> Standing:
     found = _kept((rig.digest, sources, few), [people], lambda: standing_by_joints(cameras, people, few))
     turns, apart = np.zeros((len(rig), 3)), np.zeros(len(rig))
     turns[sources], apart[sources] = found.turns, found.apart * rig.size.max() / cameras.size.max()
-    return replace(found, turns=turns, apart=apart)
+    return replace(found, turns=turns, apart=apart, moved={sources[v]: m for v, m in found.moved.items()})
 
 
 def _people(inputs: Inputs, numbers: np.ndarray) -> np.ndarray:

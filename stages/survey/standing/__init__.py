@@ -1,0 +1,1 @@
+"""How cameras stand: turned, wrong, or moved in mid-take."""
