@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from posegaussian.stages.camera_paths.stretch import side_by_side
 from posegaussian.stages.geometry.pairs import SHOWN, PairReport, PairVerdict, pair_report
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.storage.model.cameras import CameraPath, Rig
@@ -69,7 +70,7 @@ def _degrees(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _crossed(rig: Rig, reports: Mapping[tuple[int, int], PairReport], pictures: np.ndarray) -> tuple[list[Gap], float]:
-    """The gaps in which pictures [N, 3] lie between no usable pair, each once, and the share of those pictures.
+    """The gaps in which pictures [N, 3] lie between no pair `side_by_side`, each once, and the share of those pictures.
 
     A picture lies between two cameras that are both nearer to it than they are to each other.
     """
@@ -77,8 +78,8 @@ def _crossed(rig: Rig, reports: Mapping[tuple[int, int], PairReport], pictures: 
     off = dict(zip(views, _degrees(_unit(rig.centres[views] - look_at_point(rig)), pictures), strict=True))
     pairs = sorted(reports.values(), key=lambda r: r.angle)
     between = np.array([np.maximum(*(off[v] for v in r.views)) <= r.angle + SLACK for r in pairs])
-    usable = np.array([r.usable for r in pairs])
-    outside = (np.min(list(off.values()), axis=0) > BESIDE) & ~between[usable].any(axis=0)
+    matched = np.array([side_by_side(r) for r in pairs])
+    outside = (np.min(list(off.values()), axis=0) > BESIDE) & ~between[matched].any(axis=0)
     gaps: dict[Gap, None] = {}
     for n in np.flatnonzero(outside):
         alone = (min(views, key=lambda v: off[v][n]),)
@@ -99,13 +100,13 @@ def _told(rig: Rig, reports: Mapping[tuple[int, int], PairReport], gap: Gap) -> 
 def _instead(rig: Rig, reports: Mapping[tuple[int, int], PairReport], gaps: Sequence[Gap]) -> str:
     """What to render in place of a path across gaps: the cameras at their ends, each with the nearest that it can be
     matched with."""
-    usable = sorted((r for r in reports.values() if r.usable), key=lambda r: r.angle)
-    if not usable:
+    matched = sorted((r for r in reports.values() if side_by_side(r)), key=lambda r: r.angle)
+    if not matched:
         return (
             "No two that can be matched stand that near: --path sway stays near one, and a camera in the gap would"
             " close it"
         )
-    partners = [next((r.views for r in usable if v in r.views), None) for gap in gaps for v in gap]
+    partners = [next((r.views for r in matched if v in r.views), None) for gap in gaps for v in gap]
     named = [(shlex.quote(rig.names[p[0]]), shlex.quote(rig.names[p[1]])) for p in partners if p is not None]
     arcs = dict.fromkeys(shlex.quote(f"arc {a} {b}") for a, b in named)
     return f"No gap is crossed by --path {' or '.join(['between', *arcs])}"

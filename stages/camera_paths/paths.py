@@ -15,6 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from posegaussian.stages.camera_paths.framing import common_size, focal_in, framed, typical_focal, without_close_ups
 from posegaussian.stages.camera_paths.path_file import read_path_file
 from posegaussian.stages.camera_paths.stretch import Stretch, around, best_stretch, directions
 from posegaussian.stages.contract.io import Views
@@ -131,8 +132,9 @@ def _orbit(rig: Rig, subject: np.ndarray, frames: int) -> CameraPath:
     """Once around the subject [3], starting beside the first camera, right-handed about the rig's up.
 
     Radius and height are the cameras' means about that axis. A picture has the most common size, its middle as
-    principal point, and the angle of view of the median camera among those whose pictures stand or lie like it. The
-    last frame stops one step short of the first: a loop has no double.
+    principal point, and shows the subject as large as the median camera does among those whose pictures stand or lie
+    like it: cameras above and below stand farther away than their means. The last frame stops one step short of the
+    first: a loop has no double.
     """
     up = up_direction(rig)
     offset = rig.centres - subject
@@ -150,22 +152,10 @@ def _orbit(rig: Rig, subject: np.ndarray, frames: int) -> CameraPath:
     angle = 2 * np.pi * np.arange(steps) / steps
     around = np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * np.cross(up, side)
     poses = _looking_at(subject, subject + radius * around + height.mean() * up, up)
-    size = _common_size(rig)
-    like = (rig.size[:, 0] > rig.size[:, 1]) == (size[0] > size[1])
-    focal = float(np.median(_focal_at(rig, size)[like]))
+    size = common_size(rig)
+    focal = typical_focal(rig, size, np.linalg.norm(offset, axis=1), float(np.hypot(radius, height.mean())))
     k = np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1]])
     return _moving("orbit", np.repeat(k[None], steps, axis=0), poses, size, frames)
-
-
-def _common_size(rig: Rig) -> np.ndarray:
-    """[2] px: the size that most pictures have."""
-    sizes, counts = np.unique(rig.size, axis=0, return_counts=True)
-    return np.asarray(sizes[np.argmax(counts)])
-
-
-def _focal_at(rig: Rig, size: np.ndarray) -> np.ndarray:
-    """[V] px: focal lengths of cameras whose pictures are scaled to the longer side of `size` [2]."""
-    return np.asarray(rig.intrinsics[:, [0, 1], [0, 1]].mean(axis=1) * size.max() / rig.size.max(axis=1))
 
 
 def _side_by_side(rig: Rig, views: Views, frames: int, max_angle: float) -> CameraPath:
@@ -173,8 +163,8 @@ def _side_by_side(rig: Rig, views: Views, frames: int, max_angle: float) -> Came
 
     All the way around where they do, at even speed, the last frame one step short of the first; else from one end of
     the stretch to the other and back, slowly at the ends; up and down past cameras above each other. Height, distance
-    and focal length go from camera to camera without a kink, and never beyond both. Raises UserError where no two
-    source cameras that stand near enough can be matched.
+    and focal length go from camera to camera without a kink, and never beyond both; past a close-up the person stays
+    whole. Raises UserError where no two source cameras that stand near enough can be matched.
     """
     stretch = best_stretch(rig, views.sources, max_angle)
     if stretch is None:
@@ -186,8 +176,8 @@ def _side_by_side(rig: Rig, views: Views, frames: int, max_angle: float) -> Came
     steps = frames if frames > 1 else STEPS
     phase = np.arange(steps) / steps
     subject, axis, height, flat = around(rig, views.sources)
-    size = _common_size(rig.subset(stretch.views))
-    focal = _focal_at(rig, size)
+    size = common_size(rig.subset(stretch.views))
+    focal = without_close_ups(focal_in(rig, size), np.hypot(height, flat), stretch.views)
     azimuth, (rise, radius, length) = _along(
         rig, views, stretch, phase if stretch.closed else (1 - np.cos(2 * np.pi * phase)) / 2, height, flat, focal
     )
@@ -285,7 +275,8 @@ def _arc(rig: Rig, seeing: Rig, a: int, b: int, frames: int) -> CameraPath:
     Orientations are slerped. The subject's position in camera axes is interpolated too, its direction and its distance
     apart, and the centre follows: C = X - R^T x. So the distance to the subject runs from one camera's to the other's
     and the subject stays where it is in the picture, whatever the origin of the world. Translations are never
-    interpolated. The intrinsics are interpolated linearly; the size is the larger one on each axis.
+    interpolated. The size is the larger one on each axis; the cameras' pictures are scaled whole into the middle of it,
+    and their intrinsics interpolated linearly.
     """
     subject = look_at_point(seeing)
     ra, rb = rig.rotations[a], rig.rotations[b]
@@ -298,9 +289,11 @@ def _arc(rig: Rig, seeing: Rig, a: int, b: int, frames: int) -> CameraPath:
         rotation = ra @ rotation_matrix(turn * s).T
         poses.append(rigid(rotation, _between(xa, xb, float(s)) - rotation @ subject))
     poses[0], poses[-1] = rig.world_to_camera[a], rig.world_to_camera[b]
-    k = rig.intrinsics[a] + share[:, None, None] * (rig.intrinsics[b] - rig.intrinsics[a])
-    k[-1] = rig.intrinsics[b]
-    return _moving("arc", k, np.stack(poses), np.maximum(rig.size[a], rig.size[b]), frames)
+    size = np.maximum(rig.size[a], rig.size[b])
+    ka, kb = (framed(rig.intrinsics[i], rig.size[i], size) for i in (a, b))
+    k = ka + share[:, None, None] * (kb - ka)
+    k[-1] = kb
+    return _moving("arc", k, np.stack(poses), size, frames)
 
 
 def _between(a: np.ndarray, b: np.ndarray, share: float) -> np.ndarray:

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from posegaussian.stages.geometry.pairs import MAX_ANGLE, SHOWN, pair_report
+from posegaussian.stages.geometry.pairs import ALONG, MAX_ANGLE, SHOWN, PairReport, PairVerdict, pair_report
 from posegaussian.stages.geometry.subject import look_at_point, up_direction
 from posegaussian.storage.model.cameras import CameraPath, Rig
 
@@ -21,17 +21,17 @@ FLAT = 0.1
 """Ratio of the two least spreads of the directions to the cameras, up to which they lie in one plane."""
 TURN = 2 * np.pi
 Angles = Mapping[tuple[int, int], float]
-"""Degrees at the subject of the pairs that can be matched, in both orders."""
+"""Degrees at the subject of the pairs that stand `side_by_side`, in both orders."""
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """Source cameras in the order in which they stand around the subject; each makes a usable pair with the next."""
+    """Source cameras in the order in which they stand around the subject; each stands `side_by_side` with the next."""
 
     views: tuple[int, ...]
     """Indices of the cameras, right-handed about the rig's up; the first of a closed one is the lowest."""
     closed: bool
-    """Whether the last makes a usable pair with the first, all the way around."""
+    """Whether the last stands side by side with the first, all the way around."""
     widest: float
     """Degrees at the subject between the neighbours that are farthest apart."""
     span: float
@@ -68,18 +68,27 @@ class _Chain:
     views: tuple[int, ...]
 
 
+def side_by_side(report: PairReport) -> bool:
+    """Whether what lies between two cameras, near enough for the report's bound, is seen by both from its sides.
+
+    One may stand much farther back than the other, so that the two cannot be rectified: pictures are compared without,
+    but for those that look along each other's rays.
+    """
+    return report.usable or (report.verdict is PairVerdict.BEHIND and report.angle > ALONG[0])
+
+
 def best_stretch(rig: Rig, sources: Sequence[int], max_angle: float = MAX_ANGLE) -> Stretch | None:
     """The stretch of the largest group of source cameras, at equal size that with the narrowest gaps; None where no two
     that can be matched stand near enough.
 
-    Groups are what usable pairs within `SHOWN` degrees (`posegaussian.stages.geometry.pairs`) hold together. Within one
-    the stretch goes all the way around where it can, else as far as it can, and by the sum of squared steps in azimuth
-    and in elevation: past every camera between, but not up and down between two rows of them. Of rings about as even,
-    such as those of a dome, it is the one nearest to the subject's height.
+    Groups are what pairs `side_by_side` within `SHOWN` degrees hold together. Within one the stretch goes all the way
+    around where it can, else as far as it can, and by the sum of squared steps in azimuth and in elevation: past every
+    camera between, but not up and down between two rows of them. Of rings about as even, such as those of a dome, it is
+    the one nearest to the subject's height.
     """
     angles: dict[tuple[int, int], float] = {}
     for report in pair_report(rig, sources, min(max_angle, SHOWN)):
-        if report.usable:
+        if side_by_side(report):
             angles[report.views] = angles[report.views[::-1]] = round(report.angle, 1)
     _, _, height, flat = around(rig, sources)
     standing = _Standing(_azimuths(rig, sources), np.degrees(np.arctan2(height, flat)))
@@ -144,7 +153,7 @@ def _azimuths(rig: Rig, sources: Sequence[int]) -> np.ndarray:
 
 
 def _groups(sources: Sequence[int], angles: Angles) -> list[list[int]]:
-    """Sources that usable pairs hold together, directly or through others."""
+    """Sources that pairs side by side hold together, directly or through others."""
     left, groups = list(sources), []
     while left:
         group = [left.pop(0)]

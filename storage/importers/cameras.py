@@ -33,6 +33,8 @@ _ROUNDED = 1e-6
 """Skew over fx that is what rounding leaves."""
 _OTHER_SIZE = 1.6
 """Principal point over the middle of the picture, in both axes, from which the intrinsics are for another size."""
+_OTHER_THAN_STATED = 1.8
+"""The same where the file states the size: below it pictures were cut, as far as half or twice the size is off by."""
 
 
 class RawCamera(NamedTuple):
@@ -142,9 +144,17 @@ def _check_model(c: RawCamera, size: Sequence[int]) -> None:
         )
 
 
-def check_principal_point(where: str, intrinsics: np.ndarray, size: tuple[int, int]) -> None:
-    """Raise CalibrationError for intrinsics [3, 3] px that are for pictures of another size (width, height) px."""
-    if of_another_size(intrinsics, size):
+def check_principal_point(
+    where: str, intrinsics: np.ndarray, stated: tuple[int, int] | None, captured: tuple[int, int]
+) -> None:
+    """Raise CalibrationError for intrinsics [3, 3] px that are for pictures of another size (width, height) px than the
+    file's `stated` one; where it states none, than the `captured` one.
+
+    A file that states the size may be of pictures that were cut beside their principal point, which is doubted
+    (`of_another_size`) and taken; only what looks like half or twice of it is not.
+    """
+    size = stated or captured
+    if of_another_size(intrinsics, size, _OTHER_SIZE if stated is None else _OTHER_THAN_STATED):
         raise CalibrationError(
             f"{where}: the principal point {intrinsics[:2, 2].tolist()} px is not near the middle of"
             f" {size[0]}x{size[1]} px; the intrinsics are for pictures of another size, so scale them or the"
@@ -152,12 +162,12 @@ def check_principal_point(where: str, intrinsics: np.ndarray, size: tuple[int, i
         )
 
 
-def of_another_size(intrinsics: np.ndarray, size: Sequence[int] | np.ndarray) -> bool:
+def of_another_size(intrinsics: np.ndarray, size: Sequence[int] | np.ndarray, times: float = _OTHER_SIZE) -> bool:
     """Whether the principal point of intrinsics [3, 3] px says that they are for pictures of another size than (width,
-    height) px."""
+    height) px, that many times as large or small."""
     with np.errstate(invalid="ignore"):
         halves = intrinsics[[0, 1], 2] / (np.array(size) / 2)
-    return bool((halves > _OTHER_SIZE).all() or (halves < 1 / _OTHER_SIZE).all())
+    return bool((halves > times).all() or (halves < 1 / times).all())
 
 
 def rig_notes(rig: Rig) -> list[str]:

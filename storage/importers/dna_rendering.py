@@ -65,7 +65,7 @@ def find(source: Path, options: DnaOptions) -> Capture:
     pictures = [_pictures(main, file, found[n]) for n in names]
     cameras = [_camera(annots, n) for n in names]
     for camera, stream in zip(cameras, pictures, strict=True):
-        check_principal_point(f"camera {camera.name}", camera.intrinsics, stream.size)
+        check_principal_point(f"camera {camera.name}", camera.intrinsics, camera.size, stream.size)
     rig = build_rig(cameras, [s.size for s in pictures], half=False)
     placed = placed_notes(rig, "metres", DIRECTION)
     masks, mask_notes = _masks(annots, beside, names, pictures)

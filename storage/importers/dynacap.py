@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from posegaussian.storage.importers.cameras import RawCamera, check_principal_point, numbers, whole_size
+from posegaussian.storage.importers.cameras import RawCamera, numbers, whole_size
 from posegaussian.storage.importers.common import ImportOptions, folder, videos_in
 from posegaussian.storage.importers.declaration import Importer, Trait, or_broken
 from posegaussian.storage.importers.filmed import DataSet, Filmed, capture_of
@@ -95,7 +95,6 @@ def _camera(name: str, given: Mapping[str, list[str]]) -> RawCamera:
             raise CalibrationError(f"camera {name}: {key} is {value.tolist()}, 0 is expected; {why}")
     pose = numbers(given["extrinsic"], name, "extrinsic", [(4, 4)])
     intrinsics, size = numbers(given["intrinsic"], name, "intrinsic", [(4, 4)])[:3, :3], whole_size(given["size"], name)
-    check_principal_point(f"camera {name}", intrinsics, size)
     return RawCamera(
         name,
         intrinsics,

@@ -68,7 +68,7 @@ def find(source: Path, options: EasyMocapOptions) -> Capture:
     cameras = [_camera(n, intri, extri) for n in names]
     for camera, stream in zip(cameras, pictures, strict=True):
         if camera.size is None:  # of the picture's own size, which its principal point shows
-            check_principal_point(f"camera {camera.name}", camera.intrinsics, stream.size)
+            check_principal_point(f"camera {camera.name}", camera.intrinsics, None, stream.size)
     rig = build_rig(cameras, [s.size for s in pictures], half=False)
     notes += [f"camera {n}: {BOTH}" for n in names if _differ(n, extri)]
     mask_root = next((base / f for f in ("masks", "mask") if (base / f).is_dir()), base / "masks")

@@ -78,7 +78,7 @@ def capture_of(
             notes = [*notes, assumed_rate(of.frame_rate)]
     pictures, rate, more = picture_streams({n: found[n].pictures for n in names}, own_rate)
     for f, stream in zip(chosen, pictures, strict=True):
-        check_principal_point(f"camera {f.camera.name}", f.camera.intrinsics, stream.size)
+        check_principal_point(f"camera {f.camera.name}", f.camera.intrinsics, f.camera.size, stream.size)
     rig = build_rig([f.camera for f in chosen], [s.size for s in pictures], half=False)
     placed = placed_notes(rig, of.unit, of.direction)
     masks, mask_notes = mask_file_streams(names, [f.masks for f in chosen], pictures, labels=of.labels)

@@ -159,7 +159,7 @@ def _posed(base: Path, sample: str, picture: Path) -> PosedImage:
             f"image {where}: intrinsics {k.shape} and extrinsics {m.shape}; [3, 3] and [3, 4] expected"
         )
     size = picture_size(picture)
-    check_principal_point(f"image {where}", k, size)
+    check_principal_point(f"image {where}", k, None, size)
     with np.errstate(over="ignore", invalid="ignore"):
         centre = camera_centre(m)
     return PosedImage(where, k, np.zeros(DISTORTION), m[:3, :3], centre, size)

@@ -43,7 +43,7 @@ def find(source: Path, options: SnapshotOptions) -> Capture:
     names = options.pick((name,))
     pictures, rate, notes = video_streams(videos, options.frame_rate)
     camera = _camera(base / CAMERA, name)
-    check_principal_point(f"camera {name}", camera.intrinsics, camera.size or pictures[0].size)
+    check_principal_point(f"camera {name}", camera.intrinsics, camera.size, pictures[0].size)
     rig = build_rig([camera], [pictures[0].size], half=False)
     masks, mask_notes = _masks(base / "masks.hdf5", names[0], pictures[0])
     joints, joint_notes = _joints(base / "keypoints.hdf5", pictures[0])

@@ -155,7 +155,7 @@ def _camera(device: Device, rotation: np.ndarray, size: tuple[int, int]) -> RawC
     centre, coefficients = device.radial
     k = np.array([[device.focal[0], 0, 0], [0, device.focal[1], 0], [0, 0, 1.0]])
     k[:2, 2] = device.principal - cut
-    check_principal_point(f"camera {device.name}", k, size)
+    check_principal_point(f"camera {device.name}", k, None, size)
     if not (np.abs(device.focal) > 1e-3).all():
         raise CalibrationError(f"camera {device.name}: FOCAL_LENGTH {device.focal[0]:g} px cannot be")
     distortion = _distortion(device.name, k, centre - cut, coefficients, size)

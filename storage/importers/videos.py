@@ -62,7 +62,7 @@ def find(source: Path, options: VideosOptions) -> Capture:
     pictures, rate, notes = picture_streams({n: files[n] for n in names}, options)
     cameras = [calibration.cameras[n](s.size) for n, s in zip(names, pictures, strict=True)]
     for camera, stream in zip(cameras, pictures, strict=True):
-        check_principal_point(f"camera {camera.name}", camera.intrinsics, camera.size or stream.size)
+        check_principal_point(f"camera {camera.name}", camera.intrinsics, camera.size, stream.size)
     centres = np.array([raw_centre(c) for c in cameras])
     said = options.scale is None and options.distance is None and calibration.metres is not None
     chosen_unit = options.model_copy(update={"scale": calibration.metres}) if said else options

@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from posegaussian.stages.camera_paths.gaps import gap_notes
 from posegaussian.stages.camera_paths.paths import make_path
 from posegaussian.stages.camera_paths.stretch import best_stretch, stretch_notes
 from posegaussian.stages.contract.io import Views
@@ -161,6 +162,23 @@ def test_in_a_dome_it_goes_around_the_subject_and_not_above_it(rings: tuple[floa
     assert stretch.closed
     assert len(stretch.views) == count
     assert {found[v][1] for v in stretch.views} == {min(elevations, key=abs)}
+
+
+def test_near_and_far_neighbours_stand_side_by_side_but_not_one_straight_behind_another() -> None:
+    """Rows of the two cannot be made one, but a sweep compares them without; what looks along the other's rays tells
+    it nothing, and would be a jump of metres on the spot."""
+    mixed = places(*((45.0 * v, 8, (1.5, 6.0)[v % 2]) for v in range(8)))
+    found = best_stretch(mixed, range(8))
+    assert found is not None
+    assert found.closed
+    assert found.views == tuple(range(8))
+    path = path_of(mixed)
+    assert gap_notes(mixed, range(8), MAX_ANGLE, {path.name: path}) == []
+    behind = places(*row(*range(0, 360, 45)), (2, 8, 6))
+    found = best_stretch(behind, range(9))
+    assert found is not None
+    assert found.views == tuple(range(8))
+    assert best_stretch(behind, (0, 8)) is None
 
 
 def test_past_cameras_above_each_other_the_path_goes_up_and_down() -> None:

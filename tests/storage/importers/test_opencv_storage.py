@@ -103,6 +103,20 @@ def test_a_list_and_plain_numbers(base: Path) -> None:
     ring.check_cameras(find(base, cameras="cam2,cam0"), (2, 0))
 
 
+def test_pictures_cut_beside_their_principal_point_are_taken_where_the_file_says_their_size(base: Path) -> None:
+    """With the doubt that the intrinsics are for another size. Where it says none, its principal point is all there is
+    to tell that they are."""
+    cut = ring.intrinsics(2)
+    cut[:2, 2] = 0.3 * np.array(ring.SIZE)
+    listed(base, {"cameraMatrix": cut.tolist(), "image_size": list(ring.SIZE)})
+    capture = find(base)
+    np.testing.assert_allclose(capture.rig.intrinsics[2, :2, 2], cut[:2, 2] + 0.5)
+    assert any("in cam2 as if the intrinsics were for pictures of another size" in n for n in capture.notes)
+    listed(base, {"cameraMatrix": cut.tolist()})
+    with pytest.raises(UserError, match=r"camera cam2: .* the intrinsics are for pictures of another size"):
+        find(base)
+
+
 def test_wrong_conventions_get_a_sentence(base: Path) -> None:
     turned = ring.rotation(2).T
     for changed, said in (

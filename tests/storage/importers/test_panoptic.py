@@ -161,6 +161,18 @@ def test_a_little_skew_is_left_out_and_much_of_it_the_camera(base: Path) -> None
     assert any("camera 00_02 is left out: its skew 40 px would move the picture's edge" in n for n in capture.notes)
 
 
+def test_intrinsics_are_compared_with_the_size_that_the_file_says(base: Path) -> None:
+    """Pictures that were cut beside their principal point are taken with a doubt, and those of another size scaled."""
+    cut = ring.intrinsics(1)
+    cut[:2, 2] = 0.3 * np.array(ring.SIZE)
+    calibrate(base, [camera(0), camera(1, K=cut.tolist()), camera(2)])
+    assert any("in 00_02 as if the intrinsics were for pictures of another size" in n for n in find(base).notes)
+    twice = [np.diag([2, 2, 1]) @ ring.intrinsics(v) for v in range(3)]
+    large = [2 * n for n in ring.SIZE]
+    calibrate(base, [camera(v, K=k.tolist(), resolution=large) for v, k in enumerate(twice)])
+    assert find(base).rig.size.tolist() == [large] * 3
+
+
 def test_wrong_conventions_and_broken_files_get_a_sentence(base: Path) -> None:
     inverse = [np.linalg.inv(ring.pose(v)) for v in range(3)]
     inverted = [camera(v, R=m[:3, :3].tolist(), t=(100 * m[:3, 3]).tolist()) for v, m in enumerate(inverse)]
