@@ -29,6 +29,8 @@ class Told(IntEnum):
     """It is turned by what joints say, in place of silhouettes."""
     MOVED = 4
     """In mid-take; what is noted of its turn is by how much."""
+    MIRRORED = 5
+    """It is wrong; were its pictures mirrored left-right, it would stand right."""
 
 
 @dataclass(frozen=True)

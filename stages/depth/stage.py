@@ -32,7 +32,7 @@ def _of_method(array: str) -> Read:
 STAGE = Stage(
     name="depth",
     summary="Estimate metric depth and its confidence for every source view.",
-    version=5,
+    version=6,
     run="posegaussian.stages.depth.run:run",
     check="posegaussian.stages.depth.run:check",
     reads=(

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from posegaussian.stages.geometry.pairs import MIN_BASELINE, angle_at
+from posegaussian.stages.geometry.pairs import MIN_BASELINE, angle_at, enough, seen_bodies, share_shown
+from posegaussian.stages.geometry.subject import up_direction
 from posegaussian.stages.imaging.part import part_around
 from posegaussian.stages.matching.aggregate import aggregate, minimum
 from posegaussian.stages.matching.bounds import Bounds, inverse
@@ -49,8 +50,8 @@ class Neighbours:
 def nearest(
     rig: Rig, view: int, views: tuple[int, ...], count: int, max_angle: float, centre: np.ndarray
 ) -> tuple[int, ...]:
-    """At most `count` of the `views` that are compared with a view: the nearest in angle at the point `centre` [3],
-    index by index.
+    """Those of the `views` that are compared with a view: the nearest in angle at the point `centre` [3], index by
+    index, `count` of them and the close-ups that `posegaussian.stages.geometry.pairs.enough` adds.
 
     Left out are views at more than `max_angle` degrees and views so near that a pixel of motion is a tenth of the
     distance.
@@ -65,7 +66,9 @@ def nearest(
             and np.linalg.norm(rig.centres[k] - rig.centres[view]) >= MIN_BASELINE * distance
         ):
             found.append((angle, k))
-    return tuple(k for _, k in sorted(found)[:count])
+    up = up_direction(rig.subset(views))
+    nearest_first = [k for _, k in sorted(found)]
+    return tuple(enough(nearest_first, count, lambda k: share_shown(*seen_bodies(rig, (view, k), centre, up))))
 
 
 def sweep(

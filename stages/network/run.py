@@ -12,20 +12,17 @@ from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.contract.reading import read_together
 from posegaussian.stages.contract.timing import TimedInputs
 from posegaussian.stages.depth.algorithms.smooth_disparity import even
-from posegaussian.stages.geometry.rectification import STRETCH
 from posegaussian.stages.matching.fuse import MATCHED
 from posegaussian.stages.network.inference import NUMBERS, Learned, Looks, leaning, look, look_alone, refined
 from posegaussian.stages.network.model.network import PoseGaussianNetwork
 from posegaussian.stages.network.model.pairs import SourceView
 from posegaussian.stages.network.model.presets import Preset
+from posegaussian.stages.network.notes import notes
 from posegaussian.stages.network.params import QUATERNIONS, TURNED, NetworkParams, shown_bytes
 from posegaussian.stages.network.precision import precision_of
 from posegaussian.stages.network.silhouettes import held, silhouettes_of
 from posegaussian.stages.pose.facts import POSE_HEATMAPS
 from posegaussian.stages.smoothing.facts import TEMPORAL_SMOOTHING
-
-SURE = 0.1
-"""Mean confidence on the surface below which a view is reported: the network hardly says anything there."""
 
 EVENED, NOISE = 2, 0.5
 """Times that depth is evened, and px of disparity that are noise. Each view is moved by itself, and what stands out of
@@ -70,10 +67,13 @@ def run(inputs: TimedInputs, params: NetworkParams) -> Iterator[Block]:
             numbers[v][f], turn[v][f] = stored(learned.numbers, network.preset)
             axes[v, f] = looks(valid).axes[v] if TURNED in inputs.facts else 0
     for v in range(len(inputs.rig)):
-        yield Block("network/depth", depth.get(v, np.zeros(shape, np.float32)), v)
-        yield Block("network/confidence", confidence.get(v, np.zeros(shape, np.float16)), v)
-        mean = _mean(depth[v], confidence[v]) if v in sources else np.zeros((shape[0], 1), np.float32)
-        yield Block("network/share", mean, v, notes=_note(mean, left_out[v], depth[v].any()) if v in sources else ())
+        z, sure = depth.get(v, np.zeros(shape, np.float32)), confidence.get(v, np.zeros(shape, np.float16))
+        mean = _mean(z, sure)
+        known = float(mean[mean > 0].mean()) if (mean > 0).any() else 0.0
+        said = notes(inputs.rig, sources, v, network.preset.widest, known, left_out[v]) if z.any() else ()
+        yield Block("network/depth", z, v)
+        yield Block("network/confidence", sure, v)
+        yield Block("network/share", mean, v, notes=said)
         yield Block("network/blend", blend.get(v, np.zeros(shape, np.float16)), v)
         yield Block("network/numbers", numbers.get(v, np.zeros((shape[0], NUMBERS, *shape[1:]), np.float16)), v)
         if QUATERNIONS in inputs.facts:
@@ -170,31 +170,6 @@ def _mean(depth: np.ndarray, confidence: np.ndarray) -> np.ndarray:
     surface = depth > 0
     total = np.where(surface, confidence, 0).sum(axis=(1, 2), dtype=np.float64)
     return (total / np.maximum(surface.sum(axis=(1, 2)), 1)).astype(np.float32)[:, None]
-
-
-def _note(found: np.ndarray, left_out: int, surface: bool | np.bool_) -> tuple[str, ...]:
-    """Sentences about a view of which the network says hardly anything, `found` as `_mean` gives it, where it shows any
-    surface, and of which so many pairs, of all frames together, were left out."""
-    mean = float(found[found > 0].mean()) if (found > 0).any() else 0.0
-    large = (
-        (
-            (
-                f"{left_out} of its pairs in these frames were not shown to the network: rectified, what the masks hold"
-                f" takes more than {STRETCH:g} pictures; look for parts of the masks at the rim that are no person"
-            ),
-        )
-        if left_out
-        else ()
-    )
-    if mean >= SURE or not surface:
-        return large
-    return (
-        *large,
-        (
-            f"the network's mean confidence is {mean:.2f} (at least {SURE:g} expected): the analytic depth stands,"
-            " network.weights=none gives the same sooner"
-        ),
-    )
 
 
 def check(block: Block, params: NetworkParams) -> list[str]:

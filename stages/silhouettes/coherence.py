@@ -152,6 +152,8 @@ class Standing:
     turned or wrong contradicts those that are right, as it is written down; 0 of all others."""
     by_joints: bool = False
     """Whether joints told it, in place of silhouettes."""
+    mirrored: bool = False
+    """Whether the only wrong camera would be coherent with the others, were its pictures mirrored left-right."""
     moved: Mapping[int, Moved] = field(default_factory=dict)
     """Cameras that did not stand still, which no turn makes right."""
 
@@ -172,7 +174,7 @@ def standing(rig: Rig, frames: Sequence[Outlined]) -> Standing:
             break
         # Turned once and again is turned by both as far as turns are small; the second of a camera is.
         apart = np.maximum(found.apart, more.apart)
-        found = Standing(found.turns + more.turns, more.wrong, more.exchanged, apart)
+        found = replace(more, turns=found.turns + more.turns, apart=apart)
         if more.wrong:
             break
     return found
@@ -222,7 +224,8 @@ def _told(
     of_others = float(np.mean([px for v, px in all_of_them.items() if v not in best]))
     if min(of_others, *apart[sorted(best)]) < APART * float(rig.size.max()) / SIDE:
         return None
-    return replace(as_written(rig), wrong=best, exchanged=_exchanged(rig, frames, views, best, before), apart=apart)
+    exchanged, mirrored = (asked(rig, frames, views, best, before) for asked in (_exchanged, _mirrored))
+    return replace(as_written(rig), wrong=best, exchanged=exchanged, mirrored=mirrored, apart=apart)
 
 
 def _exchanged(
@@ -237,6 +240,16 @@ def _exchanged(
     stand = replace(
         rig, world_to_camera=rig.world_to_camera[order], intrinsics=rig.intrinsics[order], size=rig.size[order]
     )
+    return contradiction(stand, [f.standing(stand) for f in frames], views) <= REST * before
+
+
+def _mirrored(rig: Rig, frames: Sequence[Outlined], views: Sequence[int], wrong: frozenset[int], before: float) -> bool:
+    """Whether the only wrong camera is coherent with the others as one whose pictures are mirrored left-right."""
+    if len(wrong) != 1:
+        return False
+    (v,), intrinsics = wrong, rig.intrinsics.copy()
+    intrinsics[v] = np.array([[-1.0, 0, rig.size[v, 0]], [0, 1, 0], [0, 0, 1]]) @ intrinsics[v]
+    stand = replace(rig, intrinsics=intrinsics)
     return contradiction(stand, [f.standing(stand) for f in frames], views) <= REST * before
 
 

@@ -110,10 +110,12 @@ def _stands(belief: Belief, standing: np.ndarray, exchanged: list[str]) -> Belie
         return Belief(False, measured, MOVED.format(np.degrees(np.linalg.norm(turn)), before, after), moved=True)
     seen, others = BY_JOINTS if told == Told.BY_JOINTS else BY_SILHOUETTES
     beside = f"its {seen} {100 * apart:.2f} % of the picture's longer side beside {others}"
-    if told in (Told.WRONG, Told.EXCHANGED):
+    if told in (Told.WRONG, Told.EXCHANGED, Told.MIRRORED):
         reason = f"{beside} (at most {most:.2g}), however it is turned"
         if exchanged and told == Told.EXCHANGED:
             reason += f"; in the place of {exchanged[0]} it would not: their files seem exchanged"
+        if told == Told.MIRRORED:
+            reason += "; mirrored left-right it would not: its pictures seem mirrored"
         return Belief(False, measured, reason)
     if not belief.believed or not any(turn):
         return belief

@@ -77,7 +77,8 @@ def told(found: Standing, inputs: Inputs) -> np.ndarray:
     """[V, 7] float64, as `survey/standing` holds it."""
     rig, longest = inputs.rig, inputs.rig.size.max(axis=1)
     apart = found.apart / float(longest.max())
-    wrong = np.isin(np.arange(len(apart)), list(found.wrong)) * (Told.EXCHANGED if found.exchanged else Told.WRONG)
+    how = Told.EXCHANGED if found.exchanged else Told.MIRRORED if found.mirrored else Told.WRONG
+    wrong = np.isin(np.arange(len(apart)), list(found.wrong)) * how
     told = np.where(found.by_joints & found.turns.any(axis=1), Told.BY_JOINTS, wrong)
     rows = np.column_stack([found.turns, apart, told, np.zeros((len(apart), 2))])
     for v, moved in found.moved.items():

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from posegaussian.stages.geometry.pairs import (
+    SAME_BODY,
     PairVerdict,
     choose_pairs,
     classify,
@@ -21,6 +22,7 @@ from posegaussian.stages.geometry.subject import (
     middle_rays,
     subject_distance,
 )
+from posegaussian.stages.matching.sweep import nearest
 from posegaussian.storage.model.cameras import Rig
 from tests.support.known_geometry import camera, cut_aside, on_ring, rig_of, ring
 
@@ -203,6 +205,64 @@ def test_pairs_are_chosen_by_angle_and_only_among_sources():
     assert choose_pairs(rig, [0, 1, 4], 2) == {0: [1], 1: [0], 4: []}
     assert choose_pairs(ring(16), range(16), 4)[3] == [2, 4, 1, 5]
     assert choose_pairs(rig, [0], 2) == {0: []}
+
+
+def with_close_ups(*azimuths: float) -> Rig:
+    """Eight cameras around a whole person, and some that show the head alone."""
+    head = np.array([0.0, 0, 0.75])
+    around = [camera(on_ring(45 * k + off), ORIGIN) for k, off in enumerate((0, 4, -3, 6, 1, -5, 3, -2))]
+    near = [camera(on_ring(a, 20, 1.5), head) for a in azimuths]
+    return rig_of([*around, *near], focal=[819.2] * 8 + [3000.0] * len(near))
+
+
+def chosen(rig: Rig, count: int = 2) -> tuple[dict[int, list[int]], dict[int, list[int]]]:
+    """Partners by view: in rectified pairs, and in sweeps."""
+    views = tuple(range(len(rig)))
+    centre = look_at_point(rig)
+    return choose_pairs(rig, views, count), {v: list(nearest(rig, v, views, count, 105.0, centre)) for v in views}
+
+
+@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize("close_ups", [(20.0,), (20.0, 24.0), (16.0, 20.0, 24.0, 29.0)])
+def test_a_close_up_takes_no_partners_place(close_ups: tuple[float, ...], count: int) -> None:
+    """Each camera that shows the person whole is compared with those it would be compared with without close-ups, and
+    with the nearest of these besides, at most as many; the close-up is compared with its neighbours."""
+    rig = with_close_ups(*close_ups)
+    for alone, found in zip(chosen(rig.subset(range(8)), count), chosen(rig, count), strict=True):
+        for v in range(8):
+            assert [w for w in found[v] if w < 8] == alone[v]
+            assert len([w for w in found[v] if w >= 8]) <= count
+        assert {w for v in (0, 1) for w in found[v] if w >= 8}
+        assert all(len([w for w in found[v] if w < 8]) <= count for v in range(8, len(rig)))
+    shares = {r.views: r.shares for r in pair_report(rig)}
+    assert shares[0, 8][0] < SAME_BODY <= shares[0, 8][1]
+
+
+@pytest.mark.parametrize("count", [1, 2, 4])
+@pytest.mark.parametrize(
+    "rig",
+    [ring(5), ring(8), ring(16), rig_of([beside(a) for a in (0, 20, 35, 70, 85)]), cut_aside(ring(8), 20.0)],
+    ids=["5", "8", "16", "arc", "cut aside"],
+)
+def test_cameras_that_all_show_the_whole_person_are_compared_with_the_nearest_ones(rig: Rig, count: int) -> None:
+    reports = pair_report(rig)
+    assert {r.shares for r in reports} == {(1.0, 1.0)}
+    for v in range(len(rig)):
+        own = sorted((round(r.angle, 1), sum(r.views) - v) for r in reports if r.usable and v in r.views)
+        for found in chosen(rig, count):
+            assert found[v] == [w for _, w in own[:count]]
+
+
+@pytest.mark.parametrize(("far", "usable"), [(2.0, True), (3.5, True), (4.2, True), (6.0, False), (9.0, False)])
+def test_neighbours_at_other_distances_are_matched_while_their_baseline_lies_aside(far: float, usable: bool) -> None:
+    """In turn at 2 m and farther away, 45 degrees apart."""
+    distances = [2.0, far] * 4
+    rig = rig_of(
+        [camera(on_ring(45 * k, 0, r), ORIGIN) for k, r in enumerate(distances)],
+        focal=[819.2 * r / 2.0 for r in distances],
+    )
+    verdicts = {r.verdict for r in pair_report(rig) if r.angle < 50}
+    assert verdicts == {PairVerdict.USABLE if usable else PairVerdict.BEHIND}
 
 
 def test_no_pair_of_the_report_is_left_out():

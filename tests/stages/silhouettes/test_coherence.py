@@ -137,6 +137,19 @@ def test_a_camera_whose_pictures_are_anothers_is_wrong_however_it_is_turned(pers
     assert (told.apart[[1, 3]] >= APART * PIXEL).all()
 
 
+@pytest.mark.parametrize("count", [8, 4])
+def test_a_camera_whose_pictures_are_mirrored_is_wrong_and_told_so(person: PersonCapture, count: int) -> None:
+    """Columns alone, about the middle of the picture, wherever the principal point lies."""
+    rig, views = person.rig.subset(range(0, 8, 8 // count)), range(count)
+    masks = {v: person.mask[0, 8 // count * v].copy() for v in views}
+    rig.intrinsics[1, 0, 2] += 5.0
+    masks[1] = np.roll(masks[1], 5, axis=1)[:, ::-1].copy()
+    told = found(rig, masks)
+    assert (told.wrong, told.mirrored, told.exchanged) == ({1}, True, False)
+    masks[1] = masks[1][::-1, ::-1].copy()  # as it was, upside down
+    assert not found(rig, masks).mirrored
+
+
 def test_masks_that_lack_something_or_have_too_much_turn_nobody_and_accuse_nobody(person: PersonCapture) -> None:
     """What a mask lacks contradicts the others and not itself; what it has too much contradicts itself alone."""
     legs, spot, whole, empty = (masks_of(person) for _ in range(4))

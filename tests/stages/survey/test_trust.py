@@ -111,6 +111,15 @@ def test_two_cameras_whose_files_are_exchanged_are_told_so() -> None:
     assert "in the place of c1" in found[4].sentence
 
 
+def test_a_camera_whose_pictures_are_mirrored_is_told_so() -> None:
+    standing = np.zeros((6, 7))
+    standing[2, 3:5], standing[4, 3:5] = (0.02, Told.MIRRORED), (0.02, Told.WRONG)
+    found = judged(parties(6, set()), standing)
+    assert [v.state for v in found].count("left out") == 2
+    assert found[2].sentence.endswith("its pictures seem mirrored")
+    assert "mirrored" not in found[4].sentence
+
+
 def test_a_camera_that_was_moved_in_mid_take_is_left_out_and_the_moment_is_said() -> None:
     standing = np.zeros((6, 7))
     standing[3] = 0.0, 0.02, 0.0, 0.04, Told.MOVED, 120, 124
