@@ -31,7 +31,8 @@ from posegaussian.storage.importers.evidence import (
     check_points,
     metres,
 )
-from posegaussian.storage.importers.masks import mask_file_streams, masks_beside
+from posegaussian.storage.importers.mask_files import masks_beside
+from posegaussian.storage.importers.masks import mask_file_streams
 from posegaussian.storage.importers.posed_images import (
     Cameras,
     PosedImage,

@@ -148,7 +148,7 @@ def _masks(
             )
         streams.append(Stream("hdf5", (file,), tuple(frames), size, {"data": place}))
     if not any(streams):
-        return (), ["there are no masks"]
+        return (), []
     if without := [n for n, s in zip(names, streams, strict=True) if s is None]:
         raise SourceError(
             f"cameras {', '.join(without)} have no masks in {annots.path.name} while others have; leave them out with"

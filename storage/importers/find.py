@@ -13,7 +13,7 @@ from posegaussian.storage.importers.account import accounted
 from posegaussian.storage.importers.cameras import without_skew
 from posegaussian.storage.importers.films import are_counted, as_filmed, with_dropped
 from posegaussian.storage.importers.letterbox import fitted
-from posegaussian.storage.importers.masks import unread_masks
+from posegaussian.storage.importers.mask_files import without_masks
 from posegaussian.storage.importers.recognise import explained, fitting, recognised
 from posegaussian.storage.importers.registry import IMPORTERS
 from posegaussian.storage.importers.timecode import in_step
@@ -52,7 +52,7 @@ def find_capture(layout: str, source: str | Path, options: Mapping[str, Any]) ->
             raise type(e)(f"{e}\n{why}") from e
         raise
     if not capture.has("masks"):
-        capture = replace(capture, notes=(*capture.notes, *unread_masks(base, importer.name, importer.masked)))
+        capture = replace(capture, notes=(*capture.notes, *without_masks(base, capture, importer.masked)))
     if layout == AUTO:
         capture = replace(capture, notes=(f"layout: {importer.name}", *capture.notes))
     rig, said = without_skew(capture.rig)

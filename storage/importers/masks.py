@@ -5,7 +5,6 @@ White is the subject. A capture without files of masks has those that the alpha 
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,21 +12,19 @@ from typing import Any
 
 import numpy as np
 
-from posegaussian.storage.importers.common import all_below, file_stream, gap_notes, numbered, ranges, size_of
+from posegaussian.storage.importers.common import file_stream, gap_notes, ranges, size_of
+from posegaussian.storage.importers.mask_cut_outs import as_cut_out
+from posegaussian.storage.importers.mask_files import check_one_a_frame, masks_in
 from posegaussian.storage.importers.mask_range import RIGHT, Range, range_notes, ranges_of, value_range
 from posegaussian.storage.importers.numbering import as_numbered, told
-from posegaussian.storage.importers.posed_pictures import Files
 from posegaussian.storage.model.capture import Stream
 from posegaussian.storage.model.errors import SourceError
 from posegaussian.storage.model.masks import FOREGROUND, MOST, ROUND, foreground, line_widths, rim_share
 from posegaussian.storage.readers import images
-from posegaussian.storage.readers.mask_options import as_meant
-from posegaussian.storage.readers.video import VIDEO_SUFFIXES
+from posegaussian.storage.readers.mask_options import read_as_meant
 
 _LOOKED_AT = 5
 """Masks of a camera whose values are looked at."""
-_FOLDERS = ("masks", "mask")
-"""Folders in which masks are meant to lie."""
 
 MaskFiles = Mapping[int, Path]
 """Masks of a camera by source frame number."""
@@ -43,7 +40,7 @@ def mask_streams(
     cameras have masks, for masks of another shape than their pictures, for masks that fit no picture by their numbers,
     and for masks that hold nothing.
     """
-    files = [numbered(f, images.PICTURE_SUFFIXES) for f in folders]
+    files = [masks_in(f) for f in folders]
     return mask_file_streams(names, files, pictures, folders)
 
 
@@ -70,49 +67,11 @@ def mask_file_streams(
     streams, sizes = _sized(names, fitting, pictures)
     notes += sizes
     notes += gap_notes(names, streams, [s.numbers for s in pictures], "masks")
+    streams, cut = (streams, []) if labels else as_cut_out(names, streams)
     streams, lines = _without_lines(names, streams)
     kinds, more = _of_values(names, streams, labels)
     read = [replace(s, options={**s.options, **k}) for s, k in zip(streams, kinds, strict=True)]
-    return tuple(read), [*notes, *lines, *more]
-
-
-def masks_beside(root: Path, images_root: Path, camera: str, pictures: Files) -> dict[int, Path]:
-    """{source frame number: mask} below `root` of a camera's pictures: by their names below `images_root`, with `.png`
-    appended or in place of their ending, else `root/CAMERA/<number>.png`, as of videos."""
-    out = {}
-    for n, path in pictures.items() if isinstance(pictures, dict) else ():
-        name = path.relative_to(images_root if path.is_relative_to(images_root) else root.parent)
-        for candidate in (root / f"{name}.png", (root / name).with_suffix(".png")):
-            if candidate.is_file():
-                out[n] = candidate
-                break
-    return out or numbered(root / camera, images.PICTURE_SUFFIXES)
-
-
-def unread_masks(base: Path, layout: str, masked: bool) -> list[str]:
-    """The sentence about files that lie where masks are meant to, of a capture that has no masks; with `masked` the
-    layout reads `masks/CAM/000000.png`."""
-    for place in _FOLDERS:
-        found = [p for p in all_below(base / place) if p.is_file()]
-        if not found:
-            continue
-        said = f"{place} holds {len(found)} files, such as {found[0].relative_to(base)}, and none is read as a mask"
-        if not masked:
-            return [f"{said} by the layout {layout}; the layouts images and videos read masks/CAM/000000.png"]
-        return [f"{said}; {_to_be_read(base, found[0])}"]
-    return []
-
-
-def _to_be_read(base: Path, found: Path) -> str:
-    """What makes a mask of a file that was not read as one."""
-    if found.suffix.lower() in VIDEO_SUFFIXES:
-        camera, film = base / "masks" / found.stem, shlex.quote(str(found))
-        frames = shlex.quote(str(camera / "%06d.png"))
-        return (
-            f"masks are pictures, so write the frames of each camera as such: mkdir -p {shlex.quote(str(camera))};"
-            f" ffmpeg -i {film} -fps_mode passthrough -start_number 0 {frames}"
-        )
-    return "masks are read as masks/CAM/000000.png, by the camera's name and the picture's number, the subject white"
+    return tuple(read), [*notes, *cut, *lines, *more]
 
 
 def _fitting(
@@ -122,6 +81,7 @@ def _fitting(
     files, notes = as_numbered("masks", names, files, pictures)
     fitting: list[MaskFiles] = []
     for name, found, stream in zip(names, files, pictures, strict=True):
+        check_one_a_frame(found.values(), stream)
         known = set(stream.numbers)
         own = {n: p for n, p in found.items() if n in known}
         if not own:
@@ -175,13 +135,13 @@ def _without_lines(names: Sequence[str], streams: Sequence[Stream]) -> tuple[lis
         " black beside it: it was drawn, is no subject, and is read as what lies beside it"
     )
     options: list[dict[str, Any]] = [{"line": found} if any(found) else {} for found in widths.values()]
-    return [replace(s, options=o) for s, o in zip(streams, options, strict=True)], [note]
+    return [replace(s, options={**s.options, **o}) for s, o in zip(streams, options, strict=True)], [note]
 
 
 def _read(stream: Stream, most: int | None = None) -> Iterator[np.ndarray]:
     """A view's masks [h, w] uint8 as its options say they are read, or about so many of them."""
     for file in stream.files[:: max(1, len(stream.files) // most) if most else 1]:
-        yield as_meant(images.read_mask(file.path), stream.options)
+        yield read_as_meant(file.path, stream.options)
 
 
 def _of_values(names: Sequence[str], streams: Sequence[Stream], labels: bool) -> tuple[list[dict[str, Any]], list[str]]:

@@ -22,7 +22,8 @@ from posegaussian.storage.importers.common import chosen, folder
 from posegaussian.storage.importers.declaration import Importer, Trait, or_broken
 from posegaussian.storage.importers.depth_streams import depth_file_streams
 from posegaussian.storage.importers.evidence import check_direction, metres
-from posegaussian.storage.importers.masks import mask_file_streams, masks_beside
+from posegaussian.storage.importers.mask_files import masks_beside
+from posegaussian.storage.importers.masks import mask_file_streams
 from posegaussian.storage.importers.posed_images import (
     PosedImage,
     checked_name,

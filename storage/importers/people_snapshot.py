@@ -82,7 +82,7 @@ def _camera(path: Path, name: str) -> RawCamera:
 
 def _masks(path: Path, name: str, pictures: Stream) -> tuple[tuple[Stream, ...], list[str]]:
     if not path.exists():
-        return (), [f"there is no {path.name}, so there are no masks"]
+        return (), [f"there is no {path.name}"]
     shape = Hdf5File(path, "masks").shape("masks")
     if len(shape) != 3 or shape[:0:-1] != tuple(pictures.size):
         raise SourceError(

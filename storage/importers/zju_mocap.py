@@ -64,8 +64,6 @@ def find(source: Path, options: ZjuOptions) -> Capture:
         filmed.append(Filmed(camera._replace(name=name), files, masks))
     if not filmed:
         raise SourceError(f"none of the pictures that {path} names is in {base}; unpack them beside it")
-    if not any(f.masks for f in filmed):
-        notes.append("there are no masks")
     return with_splits(capture_of(ZJU_MOCAP, filmed, options, notes=notes), list(pictures), base.name)
 
 

@@ -7,6 +7,7 @@ bit) or linear (float files). Embedded ICC profiles are not applied.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,10 @@ NO_TIME = "1970:01:01 00:00:00"
 a capture that is made again keeps its digests."""
 MOST_CHANNELS = 4
 """Channels that are read: colour and alpha; float files may carry a hundred more."""
+_WITH_ALPHA = (2, MOST_CHANNELS)
+"""Channels of a file whose last one is alpha, behind grey or colour."""
+_SAME_COLOUR = 8
+"""Levels within which a pixel has the colour of the background, which compression changes beside outlines."""
 _HALF_MAX = float(np.finfo(np.float16).max)
 
 
@@ -61,9 +66,32 @@ def read_mask(path: str | Path, alpha: bool = False) -> np.ndarray:
     SourceError.
     """
     values = _read(path)
-    if alpha and values.shape[2] < MOST_CHANNELS:
+    if alpha and values.shape[2] not in _WITH_ALPHA:
         raise SourceError(f"picture {path} has {values.shape[2]} channels and no alpha, unlike others of its camera")
-    mask = values[..., MOST_CHANNELS - 1] if alpha else _subject(values)
+    return _mask_bytes(values[..., -1] if alpha else _subject(values), path)
+
+
+def read_mask_channels(path: str | Path) -> tuple[np.ndarray, np.ndarray | None]:
+    """(colour [h, w, 1 or 3], alpha [h, w] or None) uint8 of a mask's file, scaled as `read_mask` scales. Raises
+    SourceError."""
+    values = _mask_bytes(_read(path), path)
+    return (values[..., :-1], values[..., -1]) if values.shape[2] in _WITH_ALPHA else (values[..., :3], None)
+
+
+def read_cut_out(path: str | Path, background: Sequence[int]) -> np.ndarray:
+    """[h, w] uint8 of a mask that is a picture of the subject before one colour [3]: 255 where it is not that colour,
+    else 0. Raises SourceError."""
+    return np.where(apart(read_mask_channels(path)[0], background), np.uint8(255), np.uint8(0))
+
+
+def apart(colour: np.ndarray, background: Sequence[int]) -> np.ndarray:
+    """[h, w] bool where a picture [h, w, 3] uint8 is not of the colour [3], as far as compression changes one."""
+    off = np.abs(colour.astype(np.int16) - np.array(background, np.int16))
+    return np.asarray(off.max(axis=2) > _SAME_COLOUR)
+
+
+def _mask_bytes(mask: np.ndarray, path: str | Path) -> np.ndarray:
+    """uint8 of a mask's values as its file holds them. Raises SourceError."""
     if mask.dtype != np.float32:
         return mask.astype(np.uint8) if mask.max() <= 1 else _to_bytes(mask)
     if np.isnan(mask).any():
@@ -74,7 +102,7 @@ def read_mask(path: str | Path, alpha: bool = False) -> np.ndarray:
 def _subject(values: np.ndarray) -> np.ndarray:
     """[h, w] where a mask's subject is, of its channels [h, w, c]: grey or colour, and perhaps alpha behind them."""
     channels = values.shape[2]
-    with_alpha = channels in (2, MOST_CHANNELS)
+    with_alpha = channels in _WITH_ALPHA
     colour = values[..., : channels - with_alpha].max(axis=2)
     if with_alpha and (colour == colour[0, 0]).all():
         alpha = values[..., -1]
@@ -129,10 +157,10 @@ def read_depth_map(path: str | Path, scale: float, inverse: bool = False) -> np.
 
 
 def has_alpha(path: str | Path) -> bool:
-    """Whether a picture's file has a fourth channel; it is not decoded. Raises SourceError."""
+    """Whether a picture's file has alpha behind its grey or colour; it is not decoded. Raises SourceError."""
     source, spec = _open(path)
     source.close()
-    return bool(spec.nchannels == MOST_CHANNELS)
+    return spec.nchannels in _WITH_ALPHA
 
 
 def largest_of_16_bits(path: str | Path) -> int | None:
@@ -143,7 +171,7 @@ def largest_of_16_bits(path: str | Path) -> int | None:
     if str(spec.format) != "uint16":
         return None
     values = _read(path)
-    with_alpha = values.shape[2] in (2, MOST_CHANNELS)
+    with_alpha = values.shape[2] in _WITH_ALPHA
     return int(values[..., : values.shape[2] - with_alpha].max())
 
 

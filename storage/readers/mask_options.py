@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from posegaussian.storage.model.masks import without_line
+from posegaussian.storage.readers import images
 
 
-def as_meant(mask: np.ndarray, options: Mapping[str, Any]) -> np.ndarray:
-    """[h, w] uint8, 0..255 foreground, of a mask [h, w] uint8 as its file holds it and its stream's options: `line`
-    is what `line_widths` found, with `zero_one` masks hold 0 and 1, with `labels` all but 0 is the subject, and `range`
-    are the values that mean 0 and 255."""
+def read_as_meant(path: str | Path, options: Mapping[str, Any]) -> np.ndarray:
+    """[h, w] uint8, 0..255 foreground, of a mask's file and its stream's options: with `alpha` the mask is its alpha,
+    of a picture cut out before one colour `background` is that colour; `line` is what `line_widths` found, with
+    `zero_one` masks hold 0 and 1, with `labels` all but 0 is the subject, and `range` are the values that mean 0 and
+    255. Raises SourceError."""
+    if (background := options.get("background")) is not None:
+        mask = images.read_cut_out(path, background)
+    else:
+        mask = images.read_mask(path, bool(options.get("alpha")))
     if line := options.get("line"):
         mask = without_line(mask, line)
     if options.get("labels"):

@@ -29,7 +29,7 @@ from posegaussian.storage.model.errors import SourceError
 from posegaussian.storage.model.joint_sets import joint_set
 from posegaussian.storage.model.masks import foreground, marks_background
 from posegaussian.storage.readers import hdf5, images
-from posegaussian.storage.readers.mask_options import as_meant
+from posegaussian.storage.readers.mask_options import read_as_meant
 from posegaussian.storage.readers.video import VideoFile
 
 TABLES = 32
@@ -141,8 +141,8 @@ class Masks(_Source):
 
     def read(self, view: int, numbers: Sequence[int]) -> Iterator[np.ndarray]:
         """[h, w] uint8, 0..255 foreground, for each frame number, in pixels of its picture, whatever the mask's own
-        are, and as the import found that they are meant (`as_meant`). One that marks the background, of a camera whose
-        masks mostly hold less than half of the picture, is read the other way round. Raises SourceError."""
+        are, and as the import found that they are meant (`read_as_meant`). One that marks the background, of a camera
+        whose masks mostly hold less than half of the picture, is read the other way round. Raises SourceError."""
         for mask in self._given(view, numbers):
             yield images.resized(mask, self._shown[view])
 
@@ -159,8 +159,7 @@ class Masks(_Source):
                 yield self._sized(view, int(n), hdf5.read_mask(file, stream.options["data"], index))
             return
         for n, path in zip(numbers, self._files(view, numbers), strict=True):
-            mask = self._sized(view, int(n), images.read_mask(path, bool(stream.options.get("alpha"))))
-            mask = as_meant(mask, stream.options)
+            mask = self._sized(view, int(n), read_as_meant(path, stream.options))
             if stream.options.get("mostly_black") and marks_background(foreground(mask)):
                 self._turned.add((view, int(n)))
                 mask = np.uint8(255) - mask

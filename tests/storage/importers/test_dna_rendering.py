@@ -154,7 +154,7 @@ def test_parts_that_are_missing_are_said(base: Path) -> None:
     change(base, lambda f: f.__delitem__("Keypoints_2D"))
     assert find(base).joints == ()
     change(base, lambda f: f.__delitem__("Mask"))
-    assert "there are no masks" in find(base).notes
+    assert "there are no masks: a run cuts the person out where it can (frames.matte)" in find(base).notes
 
 
 def test_masks_of_jpeg_are_cut_at_half(base: Path) -> None:

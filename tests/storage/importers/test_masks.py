@@ -14,7 +14,7 @@ from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.errors import UserError
 from posegaussian.storage.readers.images import write_png
 from posegaussian.storage.readers.sources import open_source
-from tests.storage.importers import test_images, test_nerfstudio, test_pose2sim, test_videos
+from tests.storage.importers import test_images, test_nerfstudio, test_videos
 from tests.support import colmap_files, import_capture, ring
 
 NAMES = import_capture.NAMES
@@ -193,30 +193,6 @@ def test_masks_beside_a_file_that_names_none_are_read_as_its_pictures_lie(tmp_pa
     import_capture.pictures(tmp_path / "images")
     test_nerfstudio.write(masks(tmp_path), test_nerfstudio.transforms())
     check(find_capture("nerfstudio", tmp_path, {}), {0: 0, 1: 1, 2: 2})
-
-
-def test_files_that_lie_where_masks_do_and_are_none_are_said(tmp_path: Path) -> None:
-    base = films(tmp_path / "videos")
-    assert not said(test_videos.find(base), "mask")
-    (base / "masks").mkdir()
-    (base / "masks" / "cam0.mp4").write_bytes((base / "cam0.mp4").read_bytes())
-    (base / "masks" / ".DS_Store").write_bytes(b"x")
-    (told,) = said(test_videos.find(base), "none is read as a mask")
-    assert told.startswith("masks holds 1 files, such as masks/cam0.mp4, and none")
-    assert "-start_number 0" in told
-    base = folders(tmp_path / "flat")
-    (base / "mask").mkdir()
-    ring.write_mask(base / "mask" / "cam1_000000.png", 0, 0)
-    (told,) = said(find(base), "none is read as a mask")
-    assert "masks are read as masks/CAM/000000.png" in told
-
-
-def test_a_layout_without_masks_says_which_has_them(tmp_path: Path) -> None:
-    films(tmp_path)
-    test_pose2sim.write_calibration(tmp_path, test_videos.NAMES)
-    masks(tmp_path)
-    (told,) = said(find_capture("pose2sim", tmp_path, {}), "none is read as a mask")
-    assert "by the layout pose2sim; the layouts images and videos read masks/CAM/000000.png" in told
 
 
 def beyond(x: np.ndarray, y: np.ndarray, turn: float) -> np.ndarray:

@@ -54,6 +54,8 @@ def test_grey_is_repeated_and_alpha_dropped_without_premultiplying(tmp_path):
     np.testing.assert_array_equal(images.read_picture(tmp_path / "rgba.png"), rgba[..., :3])
     grey_alpha = write(tmp_path / "ga.png", rgba[..., :2].copy(), "uint8", oiio__UnassociatedAlpha=1)
     np.testing.assert_array_equal(images.read_picture(grey_alpha), np.repeat(rgba[..., :1], 3, axis=2))
+    assert images.has_alpha(grey_alpha)
+    np.testing.assert_array_equal(images.read_mask(grey_alpha, alpha=True), rgba[..., 1])
 
 
 def test_sixteen_bit_is_scaled(tmp_path):
