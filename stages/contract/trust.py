@@ -31,6 +31,8 @@ class Told(IntEnum):
     """In mid-take; what is noted of its turn is by how much."""
     MIRRORED = 5
     """It is wrong; were its pictures mirrored left-right, it would stand right."""
+    LACKING = 6
+    """Right; its masks lack something that those of the others have."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,9 @@ class Belief:
     """Rad about its own axes by which it stands turned against what is written down."""
     moved: bool = False
     """Whether it was moved in mid-take."""
+    in_place: bool = False
+    """Whether its features lie where they should though it contradicts the others, so that its masks or its moment may
+    be what is wrong; of one that is believed, its masks are."""
 
 
 @dataclass(frozen=True)

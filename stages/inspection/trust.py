@@ -36,6 +36,17 @@ ADVICE = (
 )
 
 
+ADVICE_IN_PLACE = (
+    "look at its masks, which may lack what those of the others hold, and check that it was in step; until then a run"
+    " leaves it out by itself (where its masks are at fault, views.trust with its name keeps its pictures)"
+)
+
+
+ADVICE_LACKING = (
+    "complete its masks, or make those of all anew (frames.matte: person); until then the others overrule them"
+)
+
+
 ADVICE_BLANK = (
     "look at its pictures: a cap on the lens, a lamp in it, a recording that failed; until then a run leaves it out by"
     " itself (views.trust: all believes every camera)"
@@ -99,7 +110,10 @@ def _of_camera(verdict: CameraVerdict) -> Finding:
         return unmeasured(MEASURE, names, TRUST.unit, TRUST.bound, TRUST.bound, belief.reason)
     told, advice, found = belief.reason, "", FindingVerdict.GOOD
     if verdict.state == "left out":
-        advice, found = ADVICE_MOVED if belief.moved else ADVICE, FindingVerdict.LEFT_OUT
+        advice = ADVICE_MOVED if belief.moved else ADVICE_IN_PLACE if belief.in_place else ADVICE
+        found = FindingVerdict.LEFT_OUT
+    elif belief.in_place:
+        advice, found = ADVICE_LACKING, FindingVerdict.DOUBTFUL
     elif verdict.turn.any():
         advice, found = ADVICE_TURNED, FindingVerdict.DOUBTFUL
         told = f"it stands turned by {np.degrees(np.linalg.norm(verdict.turn)):.2f} degrees: {told}"

@@ -43,7 +43,7 @@ def refusal(params: MetricsParams, facts: Facts) -> str | None:
 STAGE = Stage(
     name="metrics",
     summary="Measure rendered held-out views against their pictures.",
-    version=6,
+    version=7,
     run="posegaussian.stages.metrics.run:run",
     check="posegaussian.stages.metrics.run:check",
     reads=(

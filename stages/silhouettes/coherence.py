@@ -156,6 +156,8 @@ class Standing:
     """Whether the only wrong camera would be coherent with the others, were its pictures mirrored left-right."""
     moved: Mapping[int, Moved] = field(default_factory=dict)
     """Cameras that did not stand still, which no turn makes right."""
+    lacking: frozenset[int] = frozenset()
+    """Cameras that stand right, and whose masks lack something that those of the others have."""
 
 
 def standing(rig: Rig, frames: Sequence[Outlined]) -> Standing:
@@ -213,14 +215,14 @@ def _told(
     """What is wrong with one of several sets of cameras without which the `rest` is coherent; None where that is not
     clear."""
     tried = {s: _turned_back(rig, frames, views, s) for s in suspected}
-    best = _clear({s: left for s, (_, left) in tried.items()}, before)
+    best = clear({s: left for s, (_, left) in tried.items()}, before)
     if best is not None and tried[best][1] <= rest[best] + CURED * before:
         turns = _amid(rig, frames, views, best, tried[best][0])
         return Standing(turns, frozenset(), False, _apart(rig, frames, views, best))
-    best = _clear({s: rest[s] for s in suspected}, before)
+    best = clear({s: rest[s] for s in suspected}, before)
     if best is None:
         return None
-    apart, all_of_them = _apart(rig, frames, views, best), _mean(rig, frames, views)
+    apart, all_of_them = _apart(rig, frames, views, best), mean_by_view(rig, frames, views)
     of_others = float(np.mean([px for v, px in all_of_them.items() if v not in best]))
     if min(of_others, *apart[sorted(best)]) < APART * float(rig.size.max()) / SIDE:
         return None
@@ -253,8 +255,9 @@ def _mirrored(rig: Rig, frames: Sequence[Outlined], views: Sequence[int], wrong:
     return contradiction(stand, [f.standing(stand) for f in frames], views) <= REST * before
 
 
-def _clear(left: Mapping[frozenset[int], float], before: float) -> frozenset[int] | None:
-    """The set that leaves least, where no other one leaves nearly as little."""
+def clear(left: Mapping[frozenset[int], float], before: float) -> frozenset[int] | None:
+    """The set of views without which least is left, px, of what there was `before`; None where without another one
+    nearly as little is."""
     best, *others = sorted(left, key=lambda s: (left[s], sorted(s)))
     return best if all(left[s] > TIMES * left[best] + SECOND * before for s in others) else None
 
@@ -263,11 +266,11 @@ def _apart(rig: Rig, frames: Sequence[Outlined], views: Sequence[int], wrong: fr
     """[V] px by which each of the wrong cameras contradicts those that are right."""
     out, right = np.zeros(len(rig)), [v for v in views if v not in wrong]
     for v in sorted(wrong):
-        out[v] = _mean(rig, frames, [*right, v])[v]
+        out[v] = mean_by_view(rig, frames, [*right, v])[v]
     return out
 
 
-def _mean(rig: Rig, frames: Sequence[Outlined], views: Sequence[int]) -> dict[int, float]:
+def mean_by_view(rig: Rig, frames: Sequence[Outlined], views: Sequence[int]) -> dict[int, float]:
     """By view, px by which its rays contradict the others of `views`, mean over rays and frames."""
     alone = [f.among(views) for f in frames]
     return {v: float(np.mean([f.excess(rig, v).sum() / max(f.counts[v], 1) for f in alone])) for v in views}
@@ -275,7 +278,7 @@ def _mean(rig: Rig, frames: Sequence[Outlined], views: Sequence[int]) -> dict[in
 
 def contradiction(rig: Rig, frames: Sequence[Outlined], views: Sequence[int]) -> float:
     """Px by which `views` contradict each other as they stand in `rig`, mean over rays, frames and views."""
-    return float(np.mean(list(_mean(rig, frames, views).values())))
+    return float(np.mean(list(mean_by_view(rig, frames, views).values())))
 
 
 def _turned_back(

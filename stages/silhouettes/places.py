@@ -1,10 +1,11 @@
-"""Where one or two silhouettes contradict all others, they have no say: at that place, and there alone.
+"""Where a few silhouettes contradict all others, they have no say: at that place, and there alone.
 
 A foreground pixel of a view whose ray the other silhouettes leave nothing of is contradicted. Where a point of its ray
-is carved by one or two views, and seen as foreground by more of the others, those views' masks lack something there, or
-end elsewhere than theirs: around the places where they see the point they carve nothing from then on. Where more views
-carve, the pixel itself is what is wrong. The point that is carved by the fewest, and by them the least, is taken: where
-the ray passes nearer to another outline, or elsewhere by the same one, a disc is given up there.
+is carved by a few views, and seen as foreground by more of the others, those views' masks lack something there, or end
+elsewhere than theirs: around the places where they see the point they carve nothing from then on. Where more views
+carve than a few, or than say so, the pixel itself is what is wrong. The point that is carved by the fewest, and by them
+the least, is taken: where the ray passes nearer to another outline, or elsewhere by the same one, a disc is given up
+there.
 """
 
 from __future__ import annotations
@@ -40,8 +41,8 @@ SAMPLE = 400
 """Rays of a view that are asked first; of most views all are explained."""
 BELIEVED = 0.3
 """Share of a view's foreground that the others may contradict before its own mask is what is wrong."""
-OVERRULED = 2
-"""Silhouettes, at most, that have no say at a place; more than carve it must see somebody there."""
+OVERRULED, ONE_OF = 2, 4
+"""Silhouettes, at most, that have no say at a place: so many, or one of so many where that is more."""
 AROUND = 4.0
 """Px around a place that are given up: more than half the diagonal of a stride."""
 MISSING = (1.5, 0.0065)
@@ -68,10 +69,10 @@ def contradicting(
     rig: Rig, masks: Mapping[int, np.ndarray], silhouettes: Silhouettes, unexplained: Mapping[int, float]
 ) -> np.ndarray:
     """[S, h, w] uint8: where a silhouette carves foreground rays that others agree on, see `reconciled`: 1 alone, 2
-    together with another one, which two views must say: one alone may be what is wrong.
+    together with others. As many views as carve must say so: fewer may be what is wrong.
     """
     out, views = np.zeros(silhouettes.distance.shape, np.uint8), silhouettes.views
-    two, told = np.zeros_like(out), np.zeros_like(out)
+    fewest, told = np.zeros_like(out), np.zeros_like(out)
     for view in views if len(views) >= OUTVOTED else ():
         if unexplained[view] >= BELIEVED:
             continue
@@ -84,9 +85,10 @@ def contradicting(
             carvers = few_carvers(silhouettes, view, origin, lost)
             out |= carvers == 1
             if (together := carvers > 1).any():
-                two |= together
+                fewest = np.where(together & ((fewest == 0) | (carvers < fewest)), carvers, fewest)
                 told += np.stack([cv2.dilate(t.astype(np.uint8), disc(AROUND)) for t in together])
-    return np.where(out > 0, out, 2 * (two & (told > 1)))
+    out[(out == 0) & (fewest > 0) & (told >= fewest)] = 2
+    return out
 
 
 def without_say(silhouettes: Silhouettes, places: np.ndarray) -> Silhouettes:
@@ -180,6 +182,7 @@ def few_carvers(silhouettes: Silhouettes, view: int, origin: np.ndarray, directi
         silhouettes.centre,
         silhouettes.radius,
         silhouettes.pixel,
+        max(OVERRULED, len(silhouettes.views) // ONE_OF),
         out,
     )
     return out
@@ -197,21 +200,22 @@ def _give_up(
     centre: np.ndarray,
     radius: float,
     pixel: float,
+    most: int,
     out: np.ndarray,
 ) -> None:
-    """Mark in out [S, h, w] the pixels at which the fewest of the `others`, `OVERRULED` at most, carve a ray [N, 3] the
+    """Mark in out [S, h, w] the pixels at which the fewest of the `others`, `most` at most, carve a ray [N, 3] the
     least, by how many they are; the first `sides` of the others look from the side. `pixel` metres a step. A ray
-    without such a point marks none."""
+    without such a point, which more than carve it see, marks none."""
     count = projections.shape[0]
     start, along = np.empty((count, 3)), np.empty((count, 3))
-    carvers, by = np.empty(OVERRULED, np.int64), np.empty(OVERRULED, np.int64)
+    carvers, by = np.empty(most, np.int64), np.empty(most, np.int64)
     for n in range(len(directions)):
         d = directions[n]
         z, last = in_sphere(origin - centre, d, radius)
         into_views(origin, d, projections, start, along)
         z, last = watched(start, along, sizes, others, sides, nearest_to(origin - centre, d), 1, z, last)
         step = pixel / np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
-        fewest, least, at = OVERRULED, np.inf, 0.0
+        fewest, least, at = most, np.inf, 0.0
         for _ in range(MOST_POINTS):  # a step that is lost in z's rounding would never end
             if not z <= last:
                 break

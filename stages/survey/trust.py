@@ -45,6 +45,11 @@ MOVED = (
     "it was moved by {:.2f} degrees between frames {:.0f} and {:.0f}, as what it shows of the subject tells: how it"
     " stands is known in one part of the take at most"
 )
+IN_PLACE = (
+    "; its features agree with {} of these and contradict none: it may well stand right, and its masks or its moment be"
+    " what is wrong"
+)
+LACKS = "its masks lack something that those of the others have, and its own outline contradicts none: it stands right"
 WORDS = {"features": "matched features", "outlines": "outlines of masks", "joints": "joints"}
 
 
@@ -78,12 +83,18 @@ def _votes(pairs: np.ndarray) -> np.ndarray:
     score = np.zeros(pairs.shape[:2], int)
     said = {}
     for k, kind in enumerate(KINDS):
-        off, count = pairs[..., k, 0], pairs[..., k, 1]
-        agree = np.where(off > BOUNDS[kind], -1, np.where(off <= SURE[kind], 1, 0))
-        said[kind] = np.where(count < FEWEST_TOLD[kind], 0, agree)
+        said[kind] = _said(kind, pairs[..., k, :])
         score += WEIGHTS[kind] * said[kind]
     of_the_subject = (said["outlines"] < 0) & (said["joints"] < 0)
     return np.where((score < 0) | of_the_subject, -1, np.sign(score))
+
+
+def _said(kind: str, told: np.ndarray) -> np.ndarray:
+    """[...] int: what a kind alone says of pairs, of how far they miss their lines and how many tell [..., 2]: as
+    `_votes`."""
+    off, count = told[..., 0], told[..., 1]
+    agree = np.where(off > BOUNDS[kind], -1, np.where(off <= SURE[kind], 1, 0))
+    return np.where(count < FEWEST_TOLD[kind], 0, agree)
 
 
 def _blank(contrast: np.ndarray) -> dict[int, Belief]:
@@ -117,6 +128,8 @@ def _stands(belief: Belief, standing: np.ndarray, exchanged: list[str]) -> Belie
         if told == Told.MIRRORED:
             reason += "; mirrored left-right it would not: its pictures seem mirrored"
         return Belief(False, measured, reason)
+    if told == Told.LACKING and belief.in_place:
+        return replace(belief, believed=True, reason=f"{LACKS}; {belief.reason}")
     if not belief.believed or not any(turn):
         return belief
     return replace(
@@ -170,8 +183,11 @@ def _belief(view: int, pairs: np.ndarray, votes: np.ndarray, kept: set[int]) -> 
     )
     # In units of the features' bound, so that one number is shown whatever told.
     measured = 100 * BOUNDS["features"] * max(off / BOUNDS[k] for k, off in found.items())
-    lines = f"; medians off their lines, of the picture's longer side: {numbers}"
-    return Belief(view in kept, measured, told + lines)
+    told += f"; medians off their lines, of the picture's longer side: {numbers}"
+    votes_of_features = _said("features", pairs[view, known, KINDS.index("features")])
+    agree = int((votes_of_features > 0).sum())
+    in_place = view not in kept and agree >= ACCUSERS and not (votes_of_features < 0).any()
+    return Belief(view in kept, measured, told + IN_PLACE.format(agree) * in_place, in_place=in_place)
 
 
 TRUST = Trust(

@@ -26,7 +26,8 @@ MEASURE = Measure(
             " how much of the longer side it contradicts the others as it is written down, and 1 where no turn mends"
             " that, 2 where it would stand right in the place of the other one of which this is so, 3 where joints told"
             " it, 4 where it was moved by that turn in mid-take, between the two source frames that come last, 5 where"
-            " it would stand right if its pictures were mirrored.",
+            " it would stand right if its pictures were mirrored, 6 where it stands right and its masks lack something"
+            " that those of the others have.",
             when=STANDING,
             noted=True,
         ),

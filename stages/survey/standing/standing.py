@@ -23,9 +23,15 @@ from posegaussian.stages.survey.algorithms.look import Look
 from posegaussian.stages.survey.algorithms.sample import compared_numbers, of_somebody, sample_numbers, worked_numbers
 from posegaussian.stages.survey.algorithms.silhouettes import masks_of
 from posegaussian.stages.survey.standing.by_joints import standing_by_joints
+from posegaussian.stages.survey.standing.lacking import lacking
 from posegaussian.stages.survey.standing.moved import without_moved
+from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.masks import foreground
 
+LACKS = (
+    "its masks lack something that those of most others have, a limb, the feet or what is held, which may be missing in"
+    " new views: complete them, or make all anew (frames.matte: person)"
+)
 _KEPT: dict[bytes, Standing] = {}
 """That of a few captures, as every view's task asks for it."""
 KEPT = 8
@@ -70,7 +76,8 @@ class StandingLook(Look):
 
     def blocks(self) -> Iterator[Block]:
         """Of what was found before."""
-        yield Block(self._name, self._rows[self._view], self._view)
+        row = self._rows[self._view]
+        yield Block(self._name, row, self._view, notes=(LACKS,) if row[4] == Told.LACKING else ())
 
 
 def told(found: Standing, inputs: Inputs) -> np.ndarray:
@@ -79,7 +86,9 @@ def told(found: Standing, inputs: Inputs) -> np.ndarray:
     apart = found.apart / float(longest.max())
     how = Told.EXCHANGED if found.exchanged else Told.MIRRORED if found.mirrored else Told.WRONG
     wrong = np.isin(np.arange(len(apart)), list(found.wrong)) * how
-    told = np.where(found.by_joints & found.turns.any(axis=1), Told.BY_JOINTS, wrong)
+    as_written = ~found.turns.any(axis=1)
+    lacks = np.isin(np.arange(len(apart)), list(found.lacking)) & as_written
+    told = np.where(found.by_joints & ~as_written, Told.BY_JOINTS, np.where(lacks, Told.LACKING, wrong))
     rows = np.column_stack([found.turns, apart, told, np.zeros((len(apart), 2))])
     for v, moved in found.moved.items():
         share = np.linalg.norm(moved.by) * rig.intrinsics[v, 0, 0] / longest[v]
@@ -113,7 +122,7 @@ def standing_in(inputs: Inputs, numbers: np.ndarray) -> Standing:
         return _kept(
             (rig.digest, numbers.tolist(), [(n, sorted(m)) for n, m in of_all]),
             [m[v] for _, m in of_all for v in sorted(m)],
-            lambda: without_moved(rig, numbers, outlined, standing(rig, [outlined(n) for n in compared])),
+            lambda: _by_silhouettes(rig, numbers, outlined, compared),
         )
     if JOINTS2D not in inputs.facts or len(sources) < FEWEST or _doubtful_pixels(inputs):
         return as_written(rig)
@@ -123,6 +132,17 @@ def standing_in(inputs: Inputs, numbers: np.ndarray) -> Standing:
     turns, apart = np.zeros((len(rig), 3)), np.zeros(len(rig))
     turns[sources], apart[sources] = found.turns, found.apart * rig.size.max() / cameras.size.max()
     return replace(found, turns=turns, apart=apart, moved={sources[v]: m for v, m in found.moved.items()})
+
+
+def _by_silhouettes(
+    rig: Rig, numbers: np.ndarray, outlined: Callable[[int], Outlined], compared: Sequence[int]
+) -> Standing:
+    """How cameras stand by the silhouettes of the frames `compared`, of all `numbers` that are sampled; and, of those
+    that are right or turned to be so, whose masks lack something."""
+    frames = [outlined(n) for n in compared]
+    found = without_moved(rig, numbers, outlined, standing(rig, frames))
+    right = [f.among([v for v in f.silhouettes.views if v not in {*found.wrong, *found.moved}]) for f in frames]
+    return replace(found, lacking=lacking(turned(rig, found.turns), right))
 
 
 def _people(inputs: Inputs, numbers: np.ndarray) -> np.ndarray:

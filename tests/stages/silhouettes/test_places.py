@@ -11,7 +11,16 @@ from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.silhouettes.agreement import agreement
 from posegaussian.stages.silhouettes.hidden import without_hidden
 from posegaussian.stages.silhouettes.hull import Silhouettes, searched_radius
-from posegaussian.stages.silhouettes.places import AROUND, agreed, foreground_rays, lacking, missed, reconciled
+from posegaussian.stages.silhouettes.places import (
+    AROUND,
+    agreed,
+    contradicting,
+    few_carvers,
+    foreground_rays,
+    lacking,
+    missed,
+    reconciled,
+)
 from posegaussian.stages.silhouettes.tangents import outline, touching
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
 
@@ -133,6 +142,41 @@ def test_what_two_masks_lack_six_others_know(person: PersonCapture, pair: tuple[
         origin, directions = foreground_rays(person.rig, view, masks[view], None)
         assert missed(before, view, origin, directions).mean() > 0.05
         assert missed(hull, view, origin, directions).mean() < 0.02, "toes and what a stride of the grid leaves"
+
+
+@pytest.mark.parametrize(("count", "of"), [(12, (1, 5, 9)), (16, (1, 2, 3, 4))], ids=["3 of 12", "4 neighbours of 16"])
+def test_what_a_quarter_of_many_masks_lack_the_others_know(count: int, of: tuple[int, ...]) -> None:
+    """The feet: of many cameras more than two may lack them, and three quarters say that they are there."""
+    person = capture_person(views=count, size=128, frames=1)
+    masks = {v: person.mask[0, v].copy() for v in range(count)}
+    less = masks | {v: cut(masks[v], 0.85) for v in of}
+    silhouettes = agreed(person.rig, less)
+    for v in of:
+        lost = (masks[v] >= 128) & (less[v] == 0)
+        assert lacking(silhouettes, v, less[v])[lost].mean() > 0.9
+    for view in (0, 7):
+        origin, directions = foreground_rays(person.rig, view, masks[view], None)
+        assert missed(silhouettes, view, origin, directions).mean() < 0.01
+
+
+def test_of_many_masks_no_more_are_overruled_at_a_place_than_say_so() -> None:
+    """Two of 16 have a border too much: three and four that carve it are right."""
+    person = capture_person(views=16, size=128, frames=1)
+    wide = (2, 3)
+    masks = {v: person.mask[0, v].copy() for v in range(16)}
+    masks |= {v: cv2.dilate(masks[v], np.ones((7, 7), np.uint8)) for v in wide}
+    centre = look_at_point(person.rig)
+    silhouettes = Silhouettes.of(person.rig, masks, centre, searched_radius(person.rig, list(range(16)), centre))
+    carvers = []
+    for v in wide:
+        origin, directions = foreground_rays(person.rig, v, masks[v], None)
+        lost = directions[missed(silhouettes, v, origin, directions)]
+        carvers.append(few_carvers(silhouettes, v, origin, lost))
+    assert np.max(carvers) == 4
+    found = contradicting(person.rig, masks, silhouettes, agreement(person.rig, masks, silhouettes).unexplained)
+    two_at_most = [(c > 0) & (c <= 2) for c in carvers]
+    assert (found == 2).any()
+    assert not (found > 0)[~np.any(two_at_most, axis=0)].any()
 
 
 def test_masks_lack_nothing_where_outlines_differ_a_little() -> None:

@@ -9,10 +9,12 @@ import pytest
 
 from posegaussian.stages.contract.trust import Told
 from posegaussian.stages.imaging.small_turns import turned
+from posegaussian.stages.silhouettes.coherence import INCOHERENT, Outlined, contradiction
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
 from posegaussian.stages.survey.measures.standing import STANDING
 from posegaussian.stages.survey.params import SurveyParams
 from posegaussian.stages.survey.stage import STAGE
+from posegaussian.stages.survey.standing.lacking import lacking
 from posegaussian.storage.model.cameras import Rig
 from tests.support.frame_readers import Pictures
 from tests.support.memory_inputs import run_stage
@@ -56,3 +58,33 @@ def test_a_camera_that_was_moved_in_mid_take_is_noted_with_the_frames(person: Pe
     row = survey_of(person.rig, person, masks, 2)[STANDING][2]
     assert tuple(row[4:]) == (Told.MOVED, since - 1, since)
     assert row[3] == pytest.approx(6 / SIZE, abs=1 / SIZE)
+
+
+def cut(mask: np.ndarray) -> np.ndarray:
+    """Without the feet."""
+    rows = np.nonzero(mask.any(axis=1))[0]
+    out = mask.copy()
+    out[int(rows[0] + 0.85 * (rows[-1] - rows[0])) :] = 0
+    return out
+
+
+@pytest.mark.parametrize("which", [(3,), (1, 5), (0, 2, 3)], ids=["one", "two", "three"])
+def test_masks_that_lack_something_are_noted_and_no_others(person: PersonCapture, which: tuple[int, ...]) -> None:
+    masks = [[cut(person.mask[0, v]) if v in which else person.mask[0, v]] * FRAMES for v in range(VIEWS)]
+    rows = [survey_of(person.rig, person, masks, v)[STANDING][v] for v in range(VIEWS)]
+    assert [v for v, row in enumerate(rows) if row[4] == Told.LACKING] == list(which)
+    assert not any(row[:4].any() for row in rows)
+
+
+def test_nobody_lacks_anything_who_is_turned_or_out_of_step(person: PersonCapture) -> None:
+    """Their own outlines contradict the others, and what is cut from masks does not."""
+    walking = capture_person(views=VIEWS, size=SIZE, frames=12)
+    turns = np.zeros((VIEWS, 3))
+    turns[2] = 0.1, 0.1, 0.1
+    late = {v: walking.mask[6 if v == 2 else 0, v] for v in range(VIEWS)}
+    right = {v: person.mask[0, v] for v in range(VIEWS)}
+    for rig, masks in ((walking.rig, late), (turned(person.rig, turns), right)):
+        outlined = Outlined.of(rig, masks)
+        assert contradiction(rig, [outlined], range(VIEWS)) > INCOHERENT * SIZE / 512
+        assert lacking(rig, [outlined]) == frozenset()
+    assert lacking(person.rig, [Outlined.of(person.rig, right | {2: cut(right[2])})]) == {2}

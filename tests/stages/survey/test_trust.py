@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from posegaussian.stages.contract.trust import CameraVerdict, Told, asks, judged_cameras
+from posegaussian.stages.inspection.trust import of_trust
 from posegaussian.stages.survey.measures.agreement import NAME
 from posegaussian.stages.survey.measures.contrast import CONTRAST, UNKNOWN
 from posegaussian.stages.survey.measures.standing import STANDING
@@ -82,6 +83,33 @@ def test_masks_or_joints_alone_do_not_outvote_features_and_both_together_do() ->
         for kind in kinds:
             pairs[:, :, kind] = parties(6, {3}, kind)[:, :, kind]
         assert left_out(pairs) == expected
+
+
+def test_a_camera_whose_features_agree_is_told_that_its_masks_may_be_what_is_wrong() -> None:
+    """Of a ring of twelve features tell of neighbours alone, and the outlines of one mask contradict all; where it is
+    known to lack something the camera stays."""
+    pairs = parties(12, {3})
+    for a in range(12):
+        for b in ((a + 1) % 12, (a + 2) % 12):
+            told(pairs, FEATURES, a, b, 0.0)
+    found = judged(pairs, np.zeros((12, 7)))
+    assert [v.camera for v in found if v.state == "left out"] == ["c3"]
+    assert "its features agree with 4 of these and contradict none" in found[3].sentence
+    assert "its masks or its moment" in found[3].sentence
+    lacking = np.zeros((12, 7))
+    lacking[3, 4] = Told.LACKING
+    kept = judged(pairs, lacking)
+    assert [v.state for v in kept] == ["believed"] * 12
+    assert "its masks lack something" in kept[3].sentence
+    told(pairs, FEATURES, 3, 4, OFF[FEATURES])
+    for standing in (np.zeros((12, 7)), lacking):
+        against = judged(pairs, standing)[3]
+        assert against.state == "left out"
+        assert "its masks" not in against.sentence
+    advice = [of_trust({"c3": verdict})[0].advice for verdict in (found[3], kept[3], against)]
+    assert "look at its masks" in advice[0]
+    assert "complete its masks" in advice[1]
+    assert "calibrate it again" in advice[2]
 
 
 def test_what_silhouettes_say_turns_a_camera_or_leaves_it_out_whatever_lies_on_its_lines() -> None:
