@@ -11,7 +11,7 @@ from posegaussian.storage.model.cameras import Rig
 SURE = 0.1
 """Mean confidence on the surface below which a view is reported: the network hardly says anything there."""
 
-ANALYTIC = "the analytic depth stands, network.weights=none gives the same sooner"
+ANALYTIC = "its analytic depth stands"
 
 
 def notes(
