@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from posegaussian.stages.contract.declaration import Asset, Paths, Stage
+from posegaussian.stages.contract.declaration import Asset, Paths, Stage, Undistorted
 from posegaussian.stages.contract.trust import Trust
 from posegaussian.stages.depth.stage import STAGE as DEPTH
 from posegaussian.stages.detection.stage import STAGE as DETECTION
@@ -40,6 +40,8 @@ PATHS: Paths = next(s.paths for s in STAGES if s.paths is not None)
 """How camera paths are made."""
 TRUST: Trust = next(s.trust for s in STAGES if s.trust is not None)
 """How it is decided which cameras are believed."""
+UNDISTORTED: Undistorted = next(s.undistorted for s in STAGES if s.undistorted is not None)
+"""How far pictures reach once lenses are undone."""
 ASSETS: dict[str, tuple[Stage, Asset]] = {asset.name: (s, asset) for s in STAGES for asset in s.assets}
 """Models and weights by the source that they are read as, each with the stage whose settings name it."""
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from posegaussian.dags.config.yaml_source import parse_value
 from posegaussian.dags.importing.replace import make_room, same
-from posegaussian.stages.imaging.camera_mapping import frames_rig, one_to_one
+from posegaussian.stages.imaging.camera_mapping import frames_rig, one_to_one, undistorted
 from posegaussian.stages.registry import STAGES
 from posegaussian.storage.archive.records import as_recorded, check_capture
 from posegaussian.storage.archive.store import SOURCES, Archive, SequenceGroup
@@ -21,6 +21,7 @@ from posegaussian.storage.files.write import whole_file
 from posegaussian.storage.importers import find
 from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.capture import PER_VIEW, Capture, SourceFile, Stream
+from posegaussian.storage.model.crop import captured_to_calibrated
 from posegaussian.storage.model.errors import ConfigError, NotWritten, SourceError
 from posegaussian.storage.model.joint_sets import JOINT_SETS
 from posegaussian.storage.model.spec import ArraySpec
@@ -49,7 +50,9 @@ def partition_length(capture: Capture, settings: Any) -> int:
     wanted = settings.partition
     if wanted.frames is not None:
         return int(wanted.frames)
-    rig = frames_rig(capture.rig, settings.frames.size)
+    crops = captured_to_calibrated(capture.rig.names, {**capture.crops, **settings.frames.crop})
+    rig, captured = frames_rig(capture.rig, settings.frames.size), np.array([s.size for s in capture.pictures])
+    rig = undistorted(rig, capture.rig, captured, crops)
     sets = [s.options["joint_set"] for s in (*capture.joints, capture.joints3d) if s is not None]
     shape = {
         "y": int(rig.size[:, 1].max()),

@@ -22,14 +22,13 @@ from posegaussian.stages.depth.params import resolve_method
 from posegaussian.stages.detection.asset import blazepose_is_here, estimator_of
 from posegaussian.stages.detection.params import DetectionParams, estimator_choice
 from posegaussian.stages.frames.params import matte_choice
-from posegaussian.stages.imaging.camera_mapping import frames_size
+from posegaussian.stages.imaging.camera_mapping import frames_rig, undistorted
 from posegaussian.stages.inspection.cameras import of_sizes, size_unexplained
 from posegaussian.stages.inspection.finding import TO_MEND, Finding, FindingVerdict, worst_first
 from posegaussian.stages.inspection.footage import Footage, scope_of
 from posegaussian.stages.inspection.people import Finder
 from posegaussian.stages.inspection.planned import Planned
 from posegaussian.stages.inspection.report import Report, inspect
-from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.readers.sources import open_source
 
 LONGEST = 1280
@@ -94,10 +93,8 @@ def footage_of(context: Context, joints: Any = None) -> tuple[Footage, list[Find
             sizes.append(size_unexplained(source_rig.names[v], stream.size, calibrated, suggestion))
         else:
             sizes.append(of_sizes(source_rig, v, stream.size, crops[v]))
-    size = np.array([frames_size((int(w), int(h)), LONGEST) for w, h in source_rig.size])
-    intrinsics = source_rig.intrinsics.copy()
-    intrinsics[:, :2] *= (size / source_rig.size)[:, :, None]
-    rig = Rig(source_rig.names, intrinsics, np.zeros_like(source_rig.distortion), source_rig.world_to_camera, size)
+    captured = np.array([s.size for s in streams])
+    rig = undistorted(frames_rig(source_rig, LONGEST), source_rig, captured, crops)
     pictures = open_source(capture, "pictures")
     readers: dict[str, Any] = {"pictures": _Chosen(pictures, views)}
     if blazepose_is_here():
@@ -118,7 +115,7 @@ def footage_of(context: Context, joints: Any = None) -> tuple[Footage, list[Find
     facts = {"masks": MASKS, "joints": JOINTS2D, "joints3d": JOINTS3D}
     joint_crops = np.tile([1.0, 0.0, 0.0], (len(views), 1)) if as_calibrated else crops
     numbers = [np.intersect1d(s.numbers, context.source_frames) for s in streams]
-    captured, runs = np.array([s.size for s in streams]), capture.repeats(context.source_frames)
+    runs = capture.repeats(context.source_frames)
     return (
         Footage(
             scope_of(rig, source_rig, crops, Facts(frozenset(facts[k] for k in readers if k in facts))),

@@ -14,9 +14,11 @@ from posegaussian.dags.planning.effects import (
     Demand,
     EffectVerdict,
     Verdicts,
+    add_waits,
     as_believed,
     as_they_stand,
     decided_facts,
+    not_off,
     of_believed,
     perhaps_gone,
     refusals,
@@ -28,7 +30,7 @@ from posegaussian.stages.contract.declaration import Evidence, Stage
 from posegaussian.stages.contract.facts import ESTIMATED, FEW_SOURCES, HELD_OUT, SINGLE_SOURCE, Facts
 from posegaussian.stages.contract.io import Views
 from posegaussian.stages.contract.trust import CameraVerdict, asks
-from posegaussian.stages.registry import ASSETS, PATHS, STAGES, TRUST
+from posegaussian.stages.registry import ASSETS, PATHS, STAGES, TRUST, UNDISTORTED
 from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.archive.store import SequenceGroup
 from posegaussian.storage.files.names import check_camera_names
@@ -138,8 +140,7 @@ class Context:
     def calibrated_rig(self) -> Rig:
         """The same before effects turn them."""
         frames = stage_named("frames")
-        assert frames.cameras is not None
-        return frames.cameras(self.source_rig, self.params(frames))
+        return self._cameras(frames, self.source_rig)
 
     @cached_property
     def source_rig(self) -> Rig:
@@ -150,8 +151,13 @@ class Context:
         """Cameras as a stage sees them: those of `frames/*`, or its own."""
         if stage.cameras is None or stage.name == "frames":
             return self.rig
-        own = stage.cameras(self.source_rig if stage.trust is None else self.capture.rig, self.params(stage))
+        own = self._cameras(stage, self.source_rig if stage.trust is None else self.capture.rig)
         return own if stage.sequence_wide else as_they_stand(own, self.effects, self.noted)
+
+    def _cameras(self, stage: Stage, source_rig: Rig) -> Rig:
+        assert stage.cameras is not None
+        rig, captured = stage.cameras(source_rig, self.params(stage)), np.array([s.size for s in self.capture.pictures])
+        return UNDISTORTED(rig, source_rig, captured, self.captured_to_calibrated, not_off(self.settings.effects))
 
     @cached_property
     def captured_to_calibrated(self) -> np.ndarray:
@@ -294,17 +300,7 @@ class Context:
         first = [a for a in TRUST.asks if a not in self.noted] if self.cameras_undecided else []
         found: dict[str, dict[str, None]] = {s.name: dict.fromkeys(first) for s in STAGES if first and s.trust is None}
         wide_ones = [s for s in STAGES if s.sequence_wide and s.unneeded(self.params(s), self.capture_facts) is None]
-        served = {w.name for s in wide_ones for w in s.writes}
-        for v in self.verdicts.open:
-            missing = [a for a in v.asks if a not in self.noted and a in served]
-            for s in v.stages:
-                found.setdefault(s, {}).update(dict.fromkeys(missing))
-            before: list[str] = []
-            for wide in wide_ones:
-                own = [a for a in missing if a in {w.name for w in wide.writes}]
-                if own and before:
-                    found.setdefault(wide.name, {}).update(dict.fromkeys(before))
-                before += own
+        add_waits(found, self.verdicts.open, wide_ones, self.noted)
         return {s: tuple(arrays) for s, arrays in found.items()}
 
     def effect_states(self, stage: Stage) -> dict[str, str]:

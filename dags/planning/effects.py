@@ -259,6 +259,32 @@ def as_believed(rig: Rig, cameras: Mapping[str, CameraVerdict]) -> Rig:
     return TRUST.stand(rig, turns) if turns.any() else rig
 
 
+def not_off(settings: Any) -> Facts:
+    """Effects that there are and that are not set off: what cameras see is known before effects are decided."""
+    return Facts(frozenset(e.name for s in STAGES for e in s.effects if getattr(settings, e.name) != "off"))
+
+
+def add_waits(
+    found: dict[str, dict[str, None]],
+    undecided: Iterable[EffectVerdict | ChoiceVerdict],
+    wide_ones: Sequence[Stage],
+    noted: Mapping[str, np.ndarray],
+) -> None:
+    """Add to {stage: outputs of sequence-wide stages} those that what is undecided waits for, among the stages' own and
+    `noted` ones aside."""
+    served = {w.name for s in wide_ones for w in s.writes}
+    for v in undecided:
+        missing = [a for a in v.asks if a not in noted and a in served]
+        for s in v.stages:
+            found.setdefault(s, {}).update(dict.fromkeys(missing))
+        before: list[str] = []
+        for wide in wide_ones:
+            own = [a for a in missing if a in {w.name for w in wide.writes}]
+            if own and before:
+                found.setdefault(wide.name, {}).update(dict.fromkeys(before))
+            before += own
+
+
 def of_believed(
     notes: Mapping[str, np.ndarray], asked: Sequence[int], believed: Sequence[int]
 ) -> dict[str, np.ndarray]:

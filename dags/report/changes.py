@@ -92,7 +92,7 @@ def _filmed_and_worked(results: Results, frame: int, views: Sequence[int]) -> It
     yield _row(
         _on(results, UNDISTORTION, CROP_SCALE, LIGHT_STEADYING, NOISE_AVERAGING, EXPOSURE_MATCHING, TONE_MAPPING),
         f"{context.rig.names[view]} as filmed, as it is worked on, difference x {TIMES}",
-        [filmed, worked, _difference(filmed, worked)],
+        [filmed, worked, _difference(filmed, worked[_filmed_part(results, view)])],
     )
 
 
@@ -128,9 +128,10 @@ def _averaged(results: Results, frame: int, views: Sequence[int]) -> Iterator[Ch
     if not (on := _on(results, NOISE_AVERAGING)):
         return
     view = views[0]
-    top, left = (max(0, (s.start + s.stop - CLOSE) // 2) for s in _box(_mask(results, frame, view)))
+    part = _filmed_part(results, view)
+    top, left = (max(0, (s.start + s.stop - CLOSE) // 2) for s in _box(_mask(results, frame, view)[part]))
     piece = (slice(top, top + CLOSE), slice(left, left + CLOSE))
-    before, after = (read(results, frame, view)[piece] for read in (_filmed, _worked))
+    before, after = _filmed(results, frame, view)[piece], _worked(results, frame, view)[part][piece]
     name = results.context.rig.names[view]
     told = f"{name}, enlarged: one picture, averaged with those around it, difference x {TIMES}"
     yield _row(on, told, [before, after, _difference(before, after)])
@@ -208,13 +209,24 @@ def _array(results: Results, array: str, frame: int, view: int) -> np.ndarray:
 
 
 def _filmed(results: Results, frame: int, view: int) -> np.ndarray:
-    """[h, w, 3] uint8 sRGB as the file has it, in the size it is worked on."""
+    """[h, w, 3] uint8 sRGB as the file has it, in the size of its part of the picture that is worked on."""
     import cv2
 
     context = results.context
     (picture,) = open_source(context.capture, "pictures").read(view, [int(context.source_frames[frame])])
-    width, height = (int(n) for n in context.rig.size[view])
+    height, width = (s.stop - s.start for s in _filmed_part(results, view))
     return cv2.resize(to_display(picture), (width, height), interpolation=cv2.INTER_AREA)
+
+
+def _filmed_part(results: Results, view: int) -> tuple[slice, slice]:
+    """Rows and columns of the picture that is worked on which the calibrated one has: without its lens a picture may
+    reach farther."""
+    rig, source_rig = results.context.rig, results.context.capture.rig
+    reduced = rig.intrinsics[view, [0, 1], [0, 1]] / source_rig.intrinsics[view, [0, 1], [0, 1]]
+    low = np.rint(rig.intrinsics[view, :2, 2] - source_rig.intrinsics[view, :2, 2] * reduced).astype(int)
+    left, top = (max(0, int(n)) for n in low)
+    width, height = (int(n) for n in np.minimum(np.rint(source_rig.size[view] * reduced), rig.size[view] - [left, top]))
+    return slice(top, top + height), slice(left, left + width)
 
 
 def _worked(results: Results, frame: int, view: int) -> np.ndarray:

@@ -308,6 +308,11 @@ class Asset:
     """The module, by dotted name, whose code counts with the contents; None: the stages' kernels import it all."""
 
 
+Undistorted = Callable[[Rig, Rig, np.ndarray, np.ndarray, Facts], Rig]
+"""(cameras without lenses, as calibrated, [V, 2] px of their pictures, [V, 3] captured to calibrated, effects that are
+not set off) -> those without lenses, whose pictures reach as far as they filmed."""
+
+
 @dataclass(frozen=True)
 class Paths:
     """How texts become camera paths. What a path needs to know of other stages' settings it is given with all of
@@ -368,8 +373,9 @@ class Stage:
     whatever the sources' growth, until a run says `--from` this stage or works on frames of which it saw less than
     half. An output made only when asked for has `when` = its name, one made with it that name, too."""
     cameras: Callable[[Rig, Any], Rig] | None = None
-    """(cameras as calibrated, params) -> the cameras it sees; None: those of `frames/*`, as their stage declares. Where
-    an effect says how they stand, all but sequence-wide stages see them so."""
+    """(cameras as calibrated, params) -> the cameras it sees, before `undistorted` says how far their pictures reach;
+    None: those of `frames/*`, as their stage declares. Where an effect says how they stand, all but sequence-wide
+    stages see them so."""
     facts: Callable[[Capture, Views, Any, Facts], Iterable[str]] = lambda capture, views, params, facts: ()
     """Facts that it can tell of a capture: (capture, roles of the cameras, params, facts told by the stages before)."""
     joint_set: Callable[[Capture, Views, Any, Facts], str | None] | None = None
@@ -383,6 +389,8 @@ class Stage:
     """Models or weights that its settings name, for itself and for other stages."""
     paths: Paths | None = None
     """Of the stage that renders: how its paths are made."""
+    undistorted: Undistorted | None = None
+    """Of the stage that undoes lenses: how far pictures reach then."""
     sees: tuple[str, ...] = ()
     """Other stages whose settings its kernel gets, too, as `inputs.settings`: it does in memory what they do."""
     timed: bool = False

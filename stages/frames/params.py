@@ -38,7 +38,8 @@ class FramesParams(Params):
     )
     size: int | None = setting(
         None,
-        "Longest side of the pictures that are worked on; null keeps the calibrated size. Never enlarges.",
+        "Longest side of the pictures that are worked on, as filmed: without its lens a wide one reaches farther."
+        " null keeps the calibrated size. Never enlarges.",
         unit="px",
         quality_levels=[128, 256, 512, 1024, None],
         ge=16,

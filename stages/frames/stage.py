@@ -39,7 +39,7 @@ from posegaussian.stages.frames.params import (
 )
 from posegaussian.stages.imaging.calibration import CALIBRATION_CORRECTION
 from posegaussian.stages.imaging.camera_mapping import frames_rig
-from posegaussian.stages.imaging.pixel_effects import CROP_SCALE, UNDISTORTION
+from posegaussian.stages.imaging.pixel_effects import CROP_SCALE, UNDISTORTION, undistorted_as_set
 from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.spec import ArraySpec, Shape
 
@@ -226,6 +226,7 @@ STAGE = Stage(
         TONE_MAPPING,
     ),
     choices=(Choice("matte", matte_choice),),
+    undistorted=undistorted_as_set,
     cameras=lambda rig, params: frames_rig(rig, params.size),
     facts=told_facts,
     notes=notes,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from posegaussian.stages.imaging.camera_mapping import unreduced_size
 from posegaussian.storage.model.cameras import Rig
 
 OCTAVES = 4
@@ -13,7 +14,7 @@ OCTAVES = 4
 def size_worked_at(rig: Rig, source_rig: Rig, captured_to_calibrated: np.ndarray) -> np.ndarray:
     """[V] px of `frames/*` for a px as filmed; `rig` holds the cameras of the frames, `source_rig` the calibrated ones,
     captured_to_calibrated [V, 3] is (scale, x, y)."""
-    return np.asarray(rig.size[:, 0] / source_rig.size[:, 0] * captured_to_calibrated[:, 0])
+    return np.asarray(rig.size[:, 0] / unreduced_size(rig, source_rig)[:, 0] * captured_to_calibrated[:, 0])
 
 
 def noise_at(levels: np.ndarray, size: float) -> float:

@@ -6,12 +6,19 @@ from __future__ import annotations
 import numpy as np
 
 from posegaussian.stages.contract.declaration import Decision, Effect, Evidence
+from posegaussian.stages.contract.facts import Facts
 from posegaussian.stages.imaging import facts
-from posegaussian.stages.imaging.camera_mapping import distort, reach
+from posegaussian.stages.imaging.camera_mapping import distort, reach, switched, undistorted, unreduced_size
 from posegaussian.storage.model.cameras import Rig
 
 GRID = 33
 """Points a side at which a lens is looked at."""
+
+
+def undistorted_as_set(rig: Rig, source_rig: Rig, captured: np.ndarray, crops: np.ndarray, not_off: Facts) -> Rig:
+    """The cameras `undistorted`; lenses and crops [V, 3] whose effect is off do not count."""
+    source_rig, crops = switched(source_rig, crops, not_off)
+    return undistorted(rig, source_rig, captured, crops)
 
 
 def lens_displacement(rig: Rig, source_rig: Rig) -> np.ndarray:
@@ -36,7 +43,7 @@ def crop_displacement(rig: Rig, source_rig: Rig, captured_size: np.ndarray, crop
     """[V] px of `frames/*`: how far crop and scale move the corner of a captured picture, at most."""
     corners = captured_size[:, None, :] * np.array([[0, 0], [1, 0], [0, 1], [1, 1]])  # [V, 4, 2]
     moved = corners * crops[:, None, :1] + crops[:, None, 1:] - corners
-    return np.linalg.norm(moved * (rig.size / source_rig.size)[:, None], axis=-1).max(axis=-1)
+    return np.linalg.norm(moved * (rig.size / unreduced_size(rig, source_rig))[:, None], axis=-1).max(axis=-1)
 
 
 def _undistortion(evidence: Evidence, bound: float) -> Decision:
@@ -57,7 +64,8 @@ def _crop_scale(evidence: Evidence, bound: float) -> Decision:
         evidence.rig, evidence.source_rig, evidence.captured_size, evidence.captured_to_calibrated
     )
     # Pictures that reach beyond the calibrated one have to be cut though none of their pixels moves.
-    other = np.abs(evidence.captured_size - evidence.source_rig.size) * (evidence.rig.size / evidence.source_rig.size)
+    reduced = evidence.rig.size / unreduced_size(evidence.rig, evidence.source_rig)
+    other = np.abs(evidence.captured_size - evidence.source_rig.size) * reduced
     moved = np.maximum(moved, other.max(axis=1))
     worst = int(moved.argmax())
     if not moved[worst]:

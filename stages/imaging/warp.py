@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from posegaussian.stages.geometry.projection import pixel_centres
-from posegaussian.stages.imaging.camera_mapping import captured_positions
+from posegaussian.stages.imaging.camera_mapping import captured_positions, unreduced_size
 from posegaussian.storage.model.cameras import Rig, points_to_integer_centres
 from posegaussian.storage.model.errors import SourceError
 
@@ -22,7 +22,7 @@ STRIP = 128
 class Warp:
     """Captured picture -> frames picture of one view: undistorted and cropped if called for, then averaged down.
 
-    The geometry is `layout.captured_positions`. Sampling is bilinear at calibrated resolution and only where crop or
+    The geometry is `captured_positions`. Sampling is bilinear at calibrated resolution and only where crop or
     distortion move pixels; reduction is area averaging, so a picture that needs neither comes back byte for byte.
     """
 
@@ -30,28 +30,29 @@ class Warp:
         """Prepare view `view` of captured (width, height) px; crop [3] (scale, dx, dy)."""
         self.view, self.name = view, source_rig.names[view]
         self.captured = (int(captured[0]), int(captured[1]))
-        self.calibrated = (int(source_rig.size[view, 0]), int(source_rig.size[view, 1]))
         self.size = (int(rig.size[view, 0]), int(rig.size[view, 1]))
-        moved = self.captured != self.calibrated or bool(np.any(crop != [1.0, 0.0, 0.0]))
+        self._unreduced, self._unreduced_size = _unreduced(rig.subset([view]), source_rig.subset([view]))
+        moved = self.captured != self._unreduced_size or bool(np.any(crop != [1.0, 0.0, 0.0]))
         self._cameras = (rig.intrinsics[view], source_rig.intrinsics[view], source_rig.distortion[view], crop)
         # A captured picture larger than the calibrated one is averaged down first: bilinear sampling would alias.
         self._reduced = tuple(max(1, round(n * min(1.0, float(crop[0])))) for n in self.captured)
         self._map: tuple[np.ndarray, np.ndarray] | None = None
-        coverage = np.full(self.calibrated[::-1], 255, dtype=np.uint8)
+        coverage = np.full(self._unreduced_size[::-1], 255, dtype=np.uint8)
         if moved or np.any(source_rig.distortion[view]):
             x, y = np.empty(coverage.shape, dtype=np.float32), np.empty(coverage.shape, dtype=np.float32)
             self._map = (x, y)
-            for top in range(0, self.calibrated[1], STRIP):
-                rows = slice(top, min(top + STRIP, self.calibrated[1]))
+            for top in range(0, len(coverage), STRIP):
+                rows = slice(top, min(top + STRIP, len(coverage)))
                 x[rows], y[rows], coverage[rows] = self._sampled(rows)
         self._inside = coverage
         self.coverage = self._reduce(coverage)
         """[h, w] uint8 frames pixels: 255 where the captured picture reaches, 0 outside."""
 
     def _sampled(self, rows: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Maps x, y for cv2.remap and coverage, each [n, w], of some rows of the calibrated picture."""
-        pixels = pixel_centres((self.calibrated[0], rows.stop - rows.start)) + np.array([0.0, rows.start])
-        positions = captured_positions(pixels, self._cameras[1], *self._cameras[1:])
+        """Maps x, y for cv2.remap and coverage, each [n, w], of some rows of the picture before it is
+        averaged down."""
+        pixels = pixel_centres((self._unreduced_size[0], rows.stop - rows.start)) + np.array([0.0, rows.start])
+        positions = captured_positions(pixels, self._unreduced, *self._cameras[1:])
         inside = np.all((positions >= 0) & (positions <= self.captured), axis=-1)
         scaled = points_to_integer_centres(positions * (np.array(self._reduced) / self.captured))
         scaled = np.where(inside[..., None], scaled, -1e4)
@@ -115,9 +116,18 @@ class Warp:
         return np.minimum(index, np.array(self.captured) - 1), inside
 
     def _reduce(self, picture: np.ndarray) -> np.ndarray:
-        if self.size == self.calibrated:
+        if self.size == self._unreduced_size:
             return picture
         return cv2.resize(picture, self.size, interpolation=cv2.INTER_AREA)
+
+
+def _unreduced(rig: Rig, source_rig: Rig) -> tuple[np.ndarray, tuple[int, int]]:
+    """Intrinsics [3, 3] and (width, height) px of the picture of a single camera at the calibrated resolution, without
+    lens and not yet averaged down: the calibrated ones, its sides moved out by whole pixels."""
+    size = unreduced_size(rig, source_rig)[0]
+    k = source_rig.intrinsics[0].copy()
+    k[:2, 2] += np.rint(rig.intrinsics[0, :2, 2] * (size / rig.size[0]) - k[:2, 2])
+    return k, (int(size[0]), int(size[1]))
 
 
 def _sampled(depth: np.ndarray, at: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from posegaussian.stages.geometry.subject import look_at_point
-from posegaussian.stages.imaging.camera_mapping import distort, one_to_one
+from posegaussian.stages.imaging.camera_mapping import distort, left_out, one_to_one
 from posegaussian.stages.inspection.finding import COUNTED, Finding, FindingVerdict, measured, unmeasured
 from posegaussian.stages.inspection.footage import Footage, shared_numbers
 from posegaussian.storage.model.cameras import Rig
@@ -17,6 +17,8 @@ from posegaussian.storage.model.cameras import Rig
 DISPLACED = (0.1, 0.25)
 """Share of the longer side by which a lens moves a corner: a wide lens with 100 degrees makes a tenth; a quarter is
 mostly an error of the fit."""
+LEFT_OUT = 0.01
+"""Share of the picture left out by undistortion from which on it is said; nobody misses less."""
 OFF = "principal point"
 OFF_CENTRE = (0.08, 0.2)
 """Share of the longer side by which the principal point is off the middle: sensors are mounted within a few percent;
@@ -108,6 +110,8 @@ def _displacement(rig: Rig, view: int) -> Finding:
         np.linalg.norm((distort(border, rig.distortion[view]) - border) * k[[0, 1], [0, 1]], axis=1).max()
         / rig.size[view].max()
     )
+    lost = left_out(rig, view)
+    told = f"; without it {lost:.1%} of the picture, in its corners, is left out" if lost >= LEFT_OUT else ""
     advice = (
         "calibrate again with fewer coefficients (k1 k2 alone) and a board that reaches the corners; a fisheye lens"
         " needs another model"
@@ -118,7 +122,7 @@ def _displacement(rig: Rig, view: int) -> Finding:
         moved,
         "of the longer side",
         *DISPLACED,
-        f"the lens moves the border by up to {moved:.1%} of the longer side",
+        f"the lens moves the border by up to {moved:.1%} of the longer side{told}",
         advice,
     )
 

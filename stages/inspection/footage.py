@@ -13,6 +13,7 @@ import numpy as np
 from posegaussian.stages.contract.facts import JOINTS3D, Facts
 from posegaussian.stages.contract.io import Inputs, TaskScope, Views
 from posegaussian.stages.geometry.triangulation import triangulate
+from posegaussian.stages.imaging.camera_mapping import unreduced_size
 from posegaussian.stages.imaging.color import to_display
 from posegaussian.stages.imaging.small_turns import turned
 from posegaussian.stages.imaging.warp import Warp
@@ -202,7 +203,8 @@ class Footage:
     @cached_property
     def px(self) -> np.ndarray:
         """[V] captured px per px of `rig`."""
-        return np.asarray(self.source_rig.size[:, 0] / self.rig.size[:, 0] / self.captured_to_calibrated[:, 0])
+        unreduced = unreduced_size(self.rig, self.source_rig)
+        return np.asarray(unreduced[:, 0] / self.rig.size[:, 0] / self.captured_to_calibrated[:, 0])
 
     @cached_property
     def longest(self) -> np.ndarray:

@@ -12,6 +12,7 @@ from posegaussian.stages.contract.facts import JOINTS2D, MASKS
 from posegaussian.stages.geometry.projection import project
 from posegaussian.stages.geometry.subject import body_points, look_at_point, up_direction
 from posegaussian.stages.geometry.sync import TimeOffsets, time_offsets
+from posegaussian.stages.imaging.camera_mapping import captured_positions
 from posegaussian.stages.inspection.bundle import FEWEST as FEWEST_POSED
 from posegaussian.stages.inspection.bundle import pair_error, refit
 from posegaussian.stages.inspection.finding import Finding, FindingVerdict, measured, unmeasured
@@ -384,9 +385,11 @@ def _region(footage: Footage, view: int) -> tuple[int, int, int, int]:
     rig, size = footage.rig, footage.captured[view]
     body = body_points(look_at_point(rig.subset(footage.believed)), up_direction(rig.subset(footage.believed)))
     pixels, depth = project(body, rig.intrinsics[view], rig.world_to_camera[view])
-    scale, *offset = footage.captured_to_calibrated[view]
-    at = (pixels * (footage.source_rig.size[view] / rig.size[view]) - offset) / scale
-    low, high = np.clip(at.min(axis=0), 0, size).astype(int), np.clip(at.max(axis=0), 0, size).astype(int)
-    if (depth <= 0).any() or (high - low < size / 8).any():
+    source, crop = footage.source_rig, footage.captured_to_calibrated[view]
+    lens = source.intrinsics[view], source.distortion[view]
+    at = captured_positions(pixels, rig.intrinsics[view], *lens, crop)
+    shown = at[np.isfinite(at).all(axis=1)] if (depth > 0).all() else at[:0]
+    low, high = (np.clip(f(axis=0, initial=i), 0, size).astype(int) for f, i in ((shown.min, np.inf), (shown.max, 0)))
+    if (high - low < size / 8).any():
         return 0, 0, int(size[0]), int(size[1])
     return int(low[0]), int(low[1]), int(high[0]), int(high[1])

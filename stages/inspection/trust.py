@@ -10,7 +10,7 @@ import numpy as np
 from posegaussian.stages.contract.facts import ESTIMATED, JOINTS2D
 from posegaussian.stages.contract.io import Inputs, Views
 from posegaussian.stages.contract.trust import CameraVerdict, judged_cameras
-from posegaussian.stages.imaging.camera_mapping import frames_rig
+from posegaussian.stages.imaging.camera_mapping import frames_rig, undistorted
 from posegaussian.stages.inspection.finding import Finding, FindingVerdict, unmeasured
 from posegaussian.stages.inspection.footage import Footage, inputs_of, shared_numbers
 from posegaussian.stages.inspection.planned import Planned
@@ -76,9 +76,10 @@ def camera_verdicts(footage: Footage, planned: Planned) -> dict[str, CameraVerdi
     names = tuple(footage.names[v] for v in sources)
     if len(sources) < TRUST.fewest:
         return judged_cameras(TRUST, names, planned.trust, {})
+    source_rig, crops = footage.source_rig, footage.captured_to_calibrated
     scope = replace(
         footage.scope,
-        rig=frames_rig(footage.source_rig, LONGEST),
+        rig=undistorted(frames_rig(source_rig, LONGEST), source_rig, footage.captured, crops),
         facts=(footage.facts - {JOINTS2D}) | (planned.facts & {JOINTS2D, ESTIMATED}),
         views=Views(footage.names, tuple(sources), ()),
     )

@@ -11,6 +11,7 @@ from posegaussian.stages.contract.facts import ESTIMATED, JOINTS2D
 from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.contract.trust import KINDS
 from posegaussian.stages.geometry.epipolar import fundamental, signed_epipolar_distance
+from posegaussian.stages.imaging.camera_mapping import unreduced_size
 from posegaussian.stages.survey.algorithms.joints import SCORE, people_of
 from posegaussian.stages.survey.algorithms.links import InCommon, few_of, in_common, links_of_view
 from posegaussian.stages.survey.algorithms.look import NO_FRAMES, Look
@@ -83,7 +84,7 @@ def agreement_of_view(inputs: Inputs, view: int, numbers: np.ndarray, pairs: Map
 def _pixel(inputs: Inputs, pair: tuple[int, int]) -> float:
     """Px of the rig that a captured pixel is, of the coarser of two cameras."""
     views = list(pair)
-    shrunk = inputs.rig.size[views, 0] / inputs.source_rig.size[views, 0]
+    shrunk = (inputs.rig.size / unreduced_size(inputs.rig, inputs.source_rig))[views, 0]
     return float((inputs.captured_to_calibrated[views, 0] * shrunk).max())
 
 

@@ -21,11 +21,12 @@ from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.planning.tasks import Task
 from posegaussian.dags.runtime.events import TaskDone, TaskFailed
 from posegaussian.dags.runtime.ordering import lacks_description, scope_of
+from posegaussian.stages.registry import STAGES
 from posegaussian.stages.registry import stage as stage_named
 from posegaussian.storage.archive.receipts import write_receipt
 from posegaussian.storage.archive.store import Archive
 from posegaussian.storage.model.errors import ConfigError
-from tests.support.pipeline import NAME, Pipeline, assert_same_content, content, ended
+from tests.support.pipeline import NAME, Pipeline, assert_same_content, content, ended, film
 
 
 @pytest.fixture
@@ -267,3 +268,27 @@ def test_a_damaged_shard_that_only_forbids_to_make_again_fails_its_reader_alone(
     (failed,) = [e for e in events if isinstance(e, TaskFailed)]
     assert (failed.task.stage, failed.task.partition, failed.kind) == ("depth", 0, "damaged input")
     assert "posegaussian verify --sequence person --repair" in failed.error
+
+
+def test_every_stage_works_on_pictures_that_reach_as_far_as_a_lens_filmed(tmp_path: Path) -> None:
+    """And as the calibration is written where undistortion is off: no picture reaches beyond that one then."""
+    person = film(tmp_path / "capture", views=3, frames=2, masks=False, depth=False)
+    written = json.loads((tmp_path / "capture/cameras.json").read_text())
+    for camera in written["cameras"]:
+        camera["distortion"] = [-0.35, 0.12, 0, 0, 0]
+    (tmp_path / "capture/cameras.json").write_text(json.dumps(written))
+    bent = Pipeline(tmp_path / "archive", tmp_path / "capture", ["effects.undistortion=auto"])
+    bent.register()
+    context, off = bent.context("held_out"), bent.with_settings("effects.undistortion=off").context("held_out")
+    own = [s for s in STAGES if s.cameras is not None]
+    assert len(own) > 2
+    for s in own:
+        rig, plain = context.rig_of(s), off.rig_of(s)
+        assert (rig.size > person.rig.size).all()
+        assert (rig.intrinsics[:, 0, 0] == person.rig.intrinsics[:, 0, 0]).all()
+        np.testing.assert_array_equal(plain.size, person.rig.size)
+        np.testing.assert_array_equal(plain.intrinsics, person.rig.intrinsics)
+    (path,) = context.paths.values()
+    held_out = context.rig.index("mid00")
+    np.testing.assert_array_equal(path.size, context.rig.size[[held_out]])
+    assert (context.shape()["x"], context.shape()["y"]) == tuple(context.rig.size.max(axis=0))

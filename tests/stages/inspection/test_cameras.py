@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from posegaussian.stages.imaging.camera_mapping import left_out
 from posegaussian.stages.inspection.cameras import confirmed, of_aim, of_frames, of_lens, of_sizes, size_unexplained
 from posegaussian.stages.inspection.finding import Finding, FindingVerdict, measured, unmeasured
 from tests.support.known_geometry import ring
@@ -75,6 +76,17 @@ def test_a_lens_that_folds_back_within_the_picture_is_bad() -> None:
     assert named(found, "lens model").verdict is FindingVerdict.BAD
     assert named(found, "lens distortion").verdict is FindingVerdict.BAD
     assert named(found, "lens distortion").advice
+
+
+def test_what_undistortion_leaves_out_is_told() -> None:
+    """The corners of a wide lens, of which the sides are kept; of a lens that hardly bends nothing is said."""
+    d = RIG.distortion.copy()
+    d[0, 0], d[1, 0] = -0.2, -0.01
+    rig = replace(RIG, distortion=d)
+    told = named(of_lens(rig, 0), "lens distortion").sentence
+    assert told.endswith(f"; without it {left_out(rig, 0):.1%} of the picture, in its corners, is left out")
+    assert 0.02 < left_out(rig, 0) < 0.06
+    assert "left out" not in named(of_lens(rig, 1), "lens distortion").sentence
 
 
 def test_a_letterbox_is_good_and_half_a_picture_is_not() -> None:
