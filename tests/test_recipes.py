@@ -295,7 +295,7 @@ def archive(copy: Copy, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, 
     film(shots / "capture", views=3, size=32, frames=1, held_out=0)
     options = ["--archive", str(shots / "archive"), "--set", "run.scheduler=serial", "--set", "depth.method=flat"]
     said = copy.command("import", "auto", str(shots), "--sequence", "a", *options[:2])
-    ran = copy.command("run", *options, "--only", "survey", "--only", "frames", "--only", "depth")
+    ran = copy.command("run", *options, "--only", "survey", "--only", "pose", "--only", "frames", "--only", "depth")
     return said, options, ran
 
 

@@ -7,6 +7,7 @@ from posegaussian.stages.contract.facts import fact
 AVERAGED_WITH = 3
 """Frames before and after that a picture, and its depth, is averaged with: noise falls by up to the root of 7."""
 EXPOSURE_MATCHING = fact("exposure_matching")
+GAP_OPENING = fact("gap_opening")
 LIGHT_STEADYING = fact("light_steadying")
 NOISE_AVERAGING = fact("noise_averaging")
 OUTLINE_CORRECTION = fact("outline_correction")

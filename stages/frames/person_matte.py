@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from posegaussian.stages.frames.body import body_shape, limb_bones, pixels_per_metre
+from posegaussian.stages.frames.bodies.body import body_shape, limb_bones, pixels_per_metre
+from posegaussian.stages.frames.bodies.other_people import Others
 from posegaussian.stages.frames.color_likelihood import Plate, color_odds
 from posegaussian.stages.frames.ground_shadow import shadow_density
-from posegaussian.stages.frames.other_people import Others
 from posegaussian.stages.frames.plate_matte import UNSEEN
 from posegaussian.stages.geometry.subject import STATURE
 from posegaussian.stages.imaging.part import part_around

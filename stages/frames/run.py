@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import cv2
 import numpy as np
 
-from posegaussian.stages.contract.facts import GIVEN_DEPTH, SEVERAL_FRAMES, TRUTH_DEPTH
+from posegaussian.stages.contract.facts import GIVEN_DEPTH, JOINTS2D, SEVERAL_FRAMES, TRUTH_DEPTH
 from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.contract.judged import SHARED_LIGHT
 from posegaussian.stages.frames.effects import NO_LINK, proven_offsets, white_point
@@ -15,11 +15,13 @@ from posegaussian.stages.frames.exposures import SURFACE, compared
 from posegaussian.stages.frames.facts import (
     AVERAGED_WITH,
     EXPOSURE_MATCHING,
+    GAP_OPENING,
     LIGHT_STEADYING,
     NOISE_AVERAGING,
     OUTLINE_CORRECTION,
     TONE_MAPPING,
 )
+from posegaussian.stages.frames.gaps import gaps_in, opened
 from posegaussian.stages.frames.mask_doubts import MUCH, around_told, doubts, goes_around, hidden_told
 from posegaussian.stages.frames.params import FramesParams, resolve_matte
 from posegaussian.stages.frames.person_matte import person_matte
@@ -47,10 +49,10 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
     h and w are the largest of all views; a smaller view lies at the top left, its padding is black with mask 0 and
     depth 0, and so is a frame that the view has no picture of. Linear float pictures are encoded to sRGB, and clipped
     at 1 while `tone_mapping` is off. While `outline_correction` is on, the outlines of a source view's given masks are
-    moved to the pictures' edges. While `noise_averaging` is on, a source view's pictures are averaged with those around
-    them where these show the same. While `exposure_matching` is on, a source view's light is multiplied by its gain,
-    after the mask was found. Raises SourceError for pictures or masks whose size contradicts the calibration or each
-    other.
+    moved to the pictures' edges; while `gap_opening` is on, they lose what shows the backdrop. While `noise_averaging`
+    is on, a source view's pictures are averaged with those around them where these show the same. While
+    `exposure_matching` is on, a source view's light is multiplied by its gain, after the mask was found. Raises
+    SourceError for pictures or masks whose size contradicts the calibration or each other.
     """
     view = inputs.view
     assert view is not None, "the frames stage runs over views"
@@ -63,10 +65,7 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
     steady = _steadily(inputs, warp)
     color, maps_tones = _empty(inputs, (3,), np.uint8), TONE_MAPPING in inputs.facts
     # the plate is clipped at white, too
-    if not maps_tones or resolve_matte(params, inputs.facts) in (
-        "plate",
-        "person",
-    ):
+    if not maps_tones or GAP_OPENING in inputs.facts or resolve_matte(params, inputs.facts) in ("plate", "person"):
         if NOISE_AVERAGING in inputs.facts and view in inputs.views.sources:
             _fill_averaged(inputs, warp, color, steady)
         else:
@@ -140,10 +139,13 @@ def _fill_mask(
     (width, height), matte = warp.size, resolve_matte(params, inputs.facts)
     if matte == "given":
         inwards, reader, around = _offset(inputs), inputs.source("masks"), list[int]()
+        opens = {GAP_OPENING, JOINTS2D} <= inputs.facts and warp.view in inputs.views.sources
         for frame, number, given in zip(present, numbers, reader.read(warp.view, numbers), strict=True):
             _same_size(warp, "mask", given)
             around += [number] if goes_around(given) else []
             _place(mask[frame], warp(moved(given, inwards)))
+            if opens:
+                _open(inputs, color[frame, :height, :width], mask[frame, :height, :width], int(frame))
         return around_told(around, reader.turned(warp.view, numbers), len(present))
     if matte == "none":
         mask[present, :height, :width] = warp.coverage
@@ -171,6 +173,15 @@ def _fill_mask(
     instead = "the background plate tells alone there" if plate is not None else "their masks are empty"
     told = f"view {inputs.view}: in {unknown} of {len(present)} frames nobody saw the person, and {instead}"
     return ((told,) if unknown else ()) + hidden_told(hidden)
+
+
+def _open(inputs: Inputs, picture: np.ndarray, mask: np.ndarray, frame: int) -> None:
+    """Take out of a mask [h, w] of the view the gaps that its picture [h, w, 3] shows."""
+    assert inputs.joint_set is not None, "gaps are told from the body by joints"
+    joints = np.asarray(inputs.read("pose/joints2d", inputs.view)[frame], dtype=np.float64)
+    found = gaps_in(np.ascontiguousarray(picture), mask, joints[None], inputs.joint_set)
+    if found is not None:
+        mask[:] = opened(mask, found.where)
 
 
 def _body_area(inputs: Inputs, view: int) -> float:

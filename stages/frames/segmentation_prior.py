@@ -8,8 +8,8 @@ import numpy as np
 
 from posegaussian.stages.contract.facts import SEGMENTED, TRACKED
 from posegaussian.stages.contract.io import Inputs
-from posegaussian.stages.frames.other_people import Others, others_in
-from posegaussian.stages.frames.own_joints import pixels_per_metre_at
+from posegaussian.stages.frames.bodies.other_people import Others, others_in
+from posegaussian.stages.frames.bodies.own_joints import pixels_per_metre_at
 from posegaussian.stages.frames.person_matte import FAINT, Known
 from posegaussian.stages.geometry.projection import pixel_centres, rays
 from posegaussian.stages.geometry.subject import look_at_point

@@ -23,6 +23,7 @@ from posegaussian.stages.contract.judged import MATTES, SHARED_LIGHT
 from posegaussian.stages.detection.params import ADDED
 from posegaussian.stages.frames.effects import (
     EXPOSURE_MATCHING,
+    GAP_OPENING,
     LIGHT_STEADYING,
     NOISE_AVERAGING,
     OUTLINE_CORRECTION,
@@ -46,18 +47,15 @@ from posegaussian.storage.model.spec import ArraySpec, Shape
 
 def needs(shape: Shape, params: FramesParams) -> Resources:
     """One view's partition of pictures, masks and depth, where each pixel lies in the captured picture, and one of
-    these while it is warped, pictures around it while it is averaged; for a person, the colours of one picture and all
-    views' segmentations."""
+    these while it is warped, pictures around it while it is averaged; the colours of one picture where a person is cut
+    out or gaps of a mask are looked for, and for a person all views' segmentations."""
     pictures, captured = (
         shape["frame"] * shape["y"] * shape["x"] * 16 + shape["y"] * shape["x"] * (20 + 6 * AVERAGED_WITH + 60),
         shape["source_y"] * shape["source_x"] * 60,
     )
-    person = (
-        shape["y"] * shape["x"] * 160 + shape["frame"] * shape["view"] * shape["person"] * 2**16
-        if params.matte in ("auto", "person")
-        else 0
-    )
-    return Resources(cpu=1, ram=pictures + captured + person)
+    colors = shape["y"] * shape["x"] * 160 if params.matte in ("auto", "given", "person") else 0
+    person = shape["frame"] * shape["view"] * shape["person"] * 2**16 if params.matte in ("auto", "person") else 0
+    return Resources(cpu=1, ram=pictures + captured + colors + person)
 
 
 def _given(params: FramesParams, facts: Facts) -> bool:
@@ -83,6 +81,10 @@ def _matched(params: FramesParams, facts: Facts) -> bool:
 
 def _corrected(params: FramesParams, facts: Facts) -> bool:
     return OUTLINE_CORRECTION.name in facts and _given(params, facts)
+
+
+def _opened(params: FramesParams, facts: Facts) -> bool:
+    return {GAP_OPENING.name, JOINTS2D} <= facts and _given(params, facts)
 
 
 def _tone_mapped(params: FramesParams, facts: Facts) -> bool:
@@ -152,7 +154,7 @@ def notes(evidence: Evidence) -> list[str]:
 STAGE = Stage(
     name="frames",
     summary="Decode, crop, undistort and scale the pictures, and find the foreground.",
-    version=4,
+    version=5,
     run="posegaussian.stages.frames.run:run",
     check="posegaussian.stages.frames.run:check",
     reads=(
@@ -167,7 +169,7 @@ STAGE = Stage(
         Read("detection/region", when=_segmented),
         Read("pose/chosen", when=_segmented),
         Read("pose/alone", when=_segmented),
-        Read("pose/joints2d", views="own", when=_person),
+        Read("pose/joints2d", views="own", when=lambda p, f: _person(p, f) or _opened(p, f)),
         Read("pose/joints3d", when=_person),
         Read("pose/others3d", when=lambda p, f: TRACKED in f and _person(p, f)),
         Read(SURFACE, views="sources", when=lambda p, f: _matched(p, f) and compared(f) == SURFACE),
@@ -223,6 +225,7 @@ STAGE = Stage(
         NOISE_AVERAGING,
         EXPOSURE_MATCHING,
         OUTLINE_CORRECTION,
+        GAP_OPENING,
         TONE_MAPPING,
     ),
     choices=(Choice("matte", matte_choice),),

@@ -13,7 +13,7 @@ from posegaussian.stages.contract.io import PictureReader
 from posegaussian.stages.estimators.blazepose_files import FETCH
 from posegaussian.stages.estimators.interface import Estimator
 from posegaussian.stages.estimators.turned import Turned, quarter_turns
-from posegaussian.stages.frames.own_joints import person_size
+from posegaussian.stages.frames.bodies.own_joints import person_size
 from posegaussian.stages.geometry.subject import STATURE
 from posegaussian.stages.geometry.triangulation import triangulate
 from posegaussian.stages.imaging.color import to_display

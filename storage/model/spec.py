@@ -29,6 +29,7 @@ FIXED_DIMS = {
     "coco17": 17,
     "motion": 3,
     "outline": 3,
+    "gap": 2,
     "light": 2,
     "octave": 4,
     "fit": 3,

@@ -341,6 +341,7 @@ def test_off_is_bit_identical_to_absent(tmp_path: Path, monkeypatch: pytest.Monk
         ("exposure_matching", "posegaussian.stages.frames.run.gain_table"),
         ("exposure_matching", "posegaussian.stages.survey.algorithms.surface.SurfaceLook"),
         ("outline_correction", "posegaussian.stages.survey.algorithms.outlines.change_at_outline"),
+        ("gap_opening", "posegaussian.stages.frames.gaps.gaps_in"),
         ("pose_heatmaps", "posegaussian.stages.pose.run.draw"),
         ("temporal_smoothing", "posegaussian.stages.smoothing.run.blend"),
         ("left_right_check", "posegaussian.stages.depth.algorithms.rows.disagreement"),
@@ -372,6 +373,7 @@ def test_off_means_not_computed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
                 "source_detail",
                 "silhouette_clipping",
                 "hole_filling",
+                "gap_opening",
                 "outline_evening",
             )
             if e != effect

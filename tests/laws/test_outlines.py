@@ -3,10 +3,12 @@ measured by the survey, moved by the frames stage, and nothing where they fit.""
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from posegaussian.dags.planning.results import Results
+from posegaussian.dags.planning.selection import Selection
 from posegaussian.dags.runtime.events import EffectsDecided
 from posegaussian.stages.imaging.outline import moved
 from tests.laws.test_effects import Scene, filmed, pipeline, state
@@ -34,3 +36,26 @@ def test_a_px_of_fat_is_seen_and_taken_off_and_exact_masks_are_let_be(tmp_path: 
         assert np.abs(found.astype(float) - exact["mask"][:, v]).sum() <= (
             0.5 * np.abs(fat["mask"][:, v].astype(float) - exact["mask"][:, v]).sum() if px else 0
         )
+
+
+def closed(scene: Scene) -> Scene:
+    """Masks that hold what lies between limbs, too."""
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (19, 19))
+    return {**scene, "mask": np.stack([[cv2.morphologyEx(m, cv2.MORPH_CLOSE, disc) for m in f] for f in scene["mask"]])}
+
+
+@pytest.mark.parametrize("spoilt", [False, True])
+def test_gaps_that_masks_fill_are_opened_and_exact_masks_are_let_be(tmp_path: Path, spoilt: bool) -> None:
+    exact = filmed(views=3, size=192)
+    given = closed(exact) if spoilt else exact
+    p = pipeline(tmp_path, given, "effects.exposure_matching=off", "effects.outline_correction=off")
+    p.run(selection=Selection(only=frozenset({"survey", "pose", "judge", "frames"})), expect_failure=True)
+    assert state(p, "gap_opening") == ("on" if spoilt else "off")
+    results = Results(p.plan().context)
+    views = p.plan().context.views
+    found = {v: results.read("frames/mask", range(2), v) for v in (*views.sources, *views.held_out)}
+    for v in views.sources:
+        too_much, truth = given["mask"][:, v].astype(float), exact["mask"][:, v].astype(float)
+        assert np.abs(found[v] - truth).sum() <= 0.7 * np.abs(too_much - truth).sum()
+    for v in views.held_out:
+        np.testing.assert_array_equal(found[v], given["mask"][:, v])  # what pictures are scored by stays as given

@@ -19,6 +19,7 @@ SETTINGS = [
     "effects.exposure_matching=off",
     "effects.temporal_smoothing=on",
     "effects.outline_correction=off",
+    "effects.gap_opening=off",
     "effects.limb_bounds=off",
     "effects.silhouette_clipping=on",
     "effects.hole_filling=on",

@@ -38,6 +38,7 @@ FORCED = {
     "noise_averaging": "off",
     "exposure_matching": "off",
     "outline_correction": "off",
+    "gap_opening": "off",
     "limb_bounds": "off",
     "pose_blending": "off",
     "source_detail": "on",

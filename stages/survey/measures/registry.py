@@ -5,6 +5,7 @@ from __future__ import annotations
 from posegaussian.stages.survey.measures.agreement import MEASURE as AGREEMENT
 from posegaussian.stages.survey.measures.contrast import MEASURE as CONTRAST
 from posegaussian.stages.survey.measures.declaration import Measure
+from posegaussian.stages.survey.measures.gaps import MEASURE as GAPS
 from posegaussian.stages.survey.measures.joint_fit import MEASURE as JOINT_FIT
 from posegaussian.stages.survey.measures.joint_scores import MEASURE as JOINT_SCORES
 from posegaussian.stages.survey.measures.light import MEASURE as LIGHT
@@ -23,6 +24,7 @@ MEASURES: tuple[Measure, ...] = (
     PLATE,
     SURFACE,
     OUTLINES,
+    GAPS,
     LIGHT,
     NOISE,
     UNREST,

@@ -197,6 +197,7 @@ def test_what_a_capture_lacks_has_no_tasks(tmp_path: Path) -> None:
             "noise_averaging",
             "exposure_matching",
             "outline_correction",
+            "gap_opening",
             "limb_bounds",
             "silhouette_clipping",
             "hole_filling",

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from posegaussian.stages.frames.body import pixels_per_metre
-from posegaussian.stages.frames.own_joints import pixels_per_metre_at
+from posegaussian.stages.frames.bodies.body import pixels_per_metre
+from posegaussian.stages.frames.bodies.own_joints import pixels_per_metre_at
 from posegaussian.stages.frames.segmentation_prior import warped_hint
 from posegaussian.stages.geometry.points import project
 from posegaussian.stages.geometry.projection import pixel_centres

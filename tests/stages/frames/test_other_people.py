@@ -12,9 +12,9 @@ import pytest
 
 from posegaussian.stages.contract.facts import TRACKED
 from posegaussian.stages.contract.io import Block
-from posegaussian.stages.frames.body import body_depth, body_shape, pixels_per_metre
-from posegaussian.stages.frames.other_people import others_in
-from posegaussian.stages.frames.own_joints import not_too_broad, own_joints
+from posegaussian.stages.frames.bodies.body import body_depth, body_shape, pixels_per_metre
+from posegaussian.stages.frames.bodies.other_people import others_in
+from posegaussian.stages.frames.bodies.own_joints import not_too_broad, own_joints
 from posegaussian.stages.frames.params import FramesParams
 from posegaussian.stages.frames.run import run
 from posegaussian.stages.frames.stage import STAGE

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from posegaussian.stages.frames.body import body_shape
+from posegaussian.stages.frames.bodies.body import body_shape
 from posegaussian.stages.frames.params import FramesParams, better_matte, matte_choice
 from posegaussian.stages.frames.person_matte import Known, person_matte
 from posegaussian.stages.frames.stage import STAGE

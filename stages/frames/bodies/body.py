@@ -31,6 +31,8 @@ RADII = {
 OTHER_RADIUS = 0.03
 HEAD_RADIUS, HEAD_ABOVE, NECK_RADIUS = 0.11, 0.04, 0.055
 """Metres: a head is a ball whose middle lies above that of eyes, ears and nose."""
+BESIDE_NECK = ("Ear", "Shoulder")
+"""A limb of some joint sets that is none of a body: what lies beside the neck is behind it."""
 FACE = ("Nose", "LEye", "REye", "LEar", "REar")
 TORSO = ("LShoulder", "RShoulder", "RHip", "LHip")
 SUB = 4
@@ -42,7 +44,7 @@ def pixels_per_metre(joints: np.ndarray, set_id: str) -> float:
 
     Every limb gives a lower bound, because it may point at the camera; the second largest is taken, so that one wrong
     joint does no harm. Of somebody all of whom points there it is too small: where joints are known in space
-    `posegaussian.stages.frames.own_joints.pixels_per_metre_at` is right.
+    `posegaussian.stages.frames.bodies.own_joints.pixels_per_metre_at` is right.
     """
     known = joint_set(set_id)
     found = []
@@ -130,7 +132,7 @@ def _parts(joints: np.ndarray, set_id: str, scale: float) -> Iterator[_Part]:
     known_set = joint_set(set_id)
     known, at = joints[:, 2] > 0, points_to_integer_centres(joints[:, :2])
     for (a, b), kind in zip(known_set.limbs, bone_kinds(known_set), strict=True):
-        if known[a] and known[b]:
+        if known[a] and known[b] and kind != BESIDE_NECK:
             yield _Part(at[[a, b]], ([a], [b]), scale * RADII.get(kind, OTHER_RADIUS))
     names = known_set.names
     torso = [names.index(n) for n in TORSO if n in names]

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from posegaussian.stages.frames.body import LENGTHS, TRUNK, bone_kinds
+from posegaussian.stages.frames.bodies.body import LENGTHS, TRUNK, bone_kinds
 from posegaussian.stages.geometry.points import NEAR
 from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.joint_sets import joint_set

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from posegaussian.stages.frames.body import body_depth, pixels_per_metre
-from posegaussian.stages.frames.own_joints import not_too_broad, own_joints, person_depth
+from posegaussian.stages.frames.bodies.body import body_depth, pixels_per_metre
+from posegaussian.stages.frames.bodies.own_joints import not_too_broad, own_joints, person_depth
 from posegaussian.stages.geometry.points import NEAR, project
 from posegaussian.storage.model.cameras import Rig
 
