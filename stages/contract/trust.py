@@ -33,6 +33,8 @@ class Told(IntEnum):
     """It is wrong; were its pictures mirrored left-right, it would stand right."""
     LACKING = 6
     """Right; its masks lack something that those of the others have."""
+    LATE = 7
+    """It shows another moment; by how many frames it is late is noted next."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,8 @@ class Belief:
     """Rad about its own axes by which it stands turned against what is written down."""
     moved: bool = False
     """Whether it was moved in mid-take."""
+    late: float = 0.0
+    """Frames by which what it shows tells that it is late."""
     in_place: bool = False
     """Whether its features lie where they should though it contradicts the others, so that its masks or its moment may
     be what is wrong; of one that is believed, its masks are."""

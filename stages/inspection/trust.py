@@ -9,7 +9,7 @@ import numpy as np
 
 from posegaussian.stages.contract.facts import ESTIMATED, JOINTS2D
 from posegaussian.stages.contract.io import Inputs, Views
-from posegaussian.stages.contract.trust import CameraVerdict, judged_cameras
+from posegaussian.stages.contract.trust import Belief, CameraVerdict, judged_cameras
 from posegaussian.stages.imaging.camera_mapping import frames_rig, undistorted
 from posegaussian.stages.inspection.finding import Finding, FindingVerdict, unmeasured
 from posegaussian.stages.inspection.footage import Footage, inputs_of, shared_numbers
@@ -56,6 +56,12 @@ ADVICE_BLANK = (
 ADVICE_MOVED = (
     "work on the frames before and after apart (frames.range), each with a calibration of its own; until then a run"
     " leaves it out by itself (views.trust: all believes every camera)"
+)
+
+
+ADVICE_LATE = (
+    "bring it into step, see frames.time_offset, or trigger the cameras together; until then a run leaves it out by"
+    " itself (views.trust: all believes every camera)"
 )
 
 
@@ -111,7 +117,7 @@ def _of_camera(verdict: CameraVerdict) -> Finding:
         return unmeasured(MEASURE, names, TRUST.unit, TRUST.bound, TRUST.bound, belief.reason)
     told, advice, found = belief.reason, "", FindingVerdict.GOOD
     if verdict.state == "left out":
-        advice = ADVICE_MOVED if belief.moved else ADVICE_IN_PLACE if belief.in_place else ADVICE
+        advice = _advice(belief)
         found = FindingVerdict.LEFT_OUT
     elif belief.in_place:
         advice, found = ADVICE_LACKING, FindingVerdict.DOUBTFUL
@@ -119,3 +125,12 @@ def _of_camera(verdict: CameraVerdict) -> Finding:
         advice, found = ADVICE_TURNED, FindingVerdict.DOUBTFUL
         told = f"it stands turned by {np.degrees(np.linalg.norm(verdict.turn)):.2f} degrees: {told}"
     return Finding(MEASURE, names, belief.measured, TRUST.unit, TRUST.bound, TRUST.bound, told, advice, found)
+
+
+def _advice(belief: Belief) -> str:
+    """What to do about a camera that is left out."""
+    if belief.moved:
+        return ADVICE_MOVED
+    if belief.late:
+        return ADVICE_LATE
+    return ADVICE_IN_PLACE if belief.in_place else ADVICE

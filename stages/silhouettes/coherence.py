@@ -158,6 +158,8 @@ class Standing:
     """Cameras that did not stand still, which no turn makes right."""
     lacking: frozenset[int] = frozenset()
     """Cameras that stand right, and whose masks lack something that those of the others have."""
+    late: Mapping[int, float] = field(default_factory=dict)
+    """Frames by which cameras are late that show another moment than the others."""
 
 
 def standing(rig: Rig, frames: Sequence[Outlined]) -> Standing:

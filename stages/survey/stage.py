@@ -47,7 +47,7 @@ def _masks(params: SurveyParams, facts: Facts) -> bool:
 STAGE = Stage(
     name="survey",
     summary="Take the measures and constants of a sequence from a recorded sample of frames.",
-    version=13,
+    version=14,
     run="posegaussian.stages.survey.run:run",
     check="posegaussian.stages.survey.run:check",
     reads=(

@@ -49,6 +49,11 @@ IN_PLACE = (
     "; its features agree with {} of these and contradict none: it may well stand right, and its masks or its moment be"
     " what is wrong"
 )
+OUT_OF_STEP = (
+    "what it shows of the subject lies {:.2f} % of the picture's longer side beside what the others leave, what it"
+    " shows {frames} {} does not: it seems {} by {frames}"
+)
+CORRECTED, HALF = "; set frames.time_offset: {{{}: {:g}}}", ", and half a frame cannot be corrected"
 LACKS = "its masks lack something that those of the others have, and its own outline contradicts none: it stands right"
 WORDS = {"features": "matched features", "outlines": "outlines of masks", "joints": "joints"}
 
@@ -64,7 +69,7 @@ def believed(names: tuple[str, ...], noted: Mapping[str, np.ndarray]) -> tuple[B
     standing = np.asarray(noted[STANDING], np.float64)
     exchanged = [n for n, row in zip(names, standing, strict=True) if row[4] == Told.EXCHANGED]
     stand = [
-        _stands(b, row, [n for n in exchanged if n != name])
+        _stands(name, b, row, [n for n in exchanged if n != name])
         for name, b, row in zip(names, found, standing, strict=True)
     ]
     blank = _blank(np.asarray(noted[CONTRAST], np.float64))
@@ -112,13 +117,16 @@ def _blank(contrast: np.ndarray) -> dict[int, Belief]:
     return {int(v): Belief(False, None, reason.format(contrast[v], np.median(others))) for v in np.flatnonzero(nothing)}
 
 
-def _stands(belief: Belief, standing: np.ndarray, exchanged: list[str]) -> Belief:
+def _stands(name: str, belief: Belief, standing: np.ndarray, exchanged: list[str]) -> Belief:
     """The verdict on one camera, with what is seen of how it stands [7]: turn, px apart over the longer side,
-    `Told` and two source frames, where `exchanged` are cameras whose files may be exchanged."""
+    `Told` and two source frames, or frames by which it is late, where `exchanged` are cameras whose files may be
+    exchanged."""
     *turn, apart, told, before, after = map(float, standing)
     measured, most = 100 * BOUNDS["features"] * apart / (APART / SIDE), 100 * APART / SIDE
     if told == Told.MOVED:
         return Belief(False, measured, MOVED.format(np.degrees(np.linalg.norm(turn)), before, after), moved=True)
+    if told == Told.LATE:
+        return Belief(False, measured, _out_of_step(name, 100 * apart, before), late=before)
     seen, others = BY_JOINTS if told == Told.BY_JOINTS else BY_SILHOUETTES
     beside = f"its {seen} {100 * apart:.2f} % of the picture's longer side beside {others}"
     if told in (Told.WRONG, Told.EXCHANGED, Told.MIRRORED):
@@ -138,6 +146,13 @@ def _stands(belief: Belief, standing: np.ndarray, exchanged: list[str]) -> Belie
         turn=(turn[0], turn[1], turn[2]),
         reason=f"as it is written down {beside}, turned it does not; {belief.reason}",
     )
+
+
+def _out_of_step(name: str, apart: float, late: float) -> str:
+    """What is said of a camera that is late by some frames, or early where these are negative, `apart` in %."""
+    frames = "half a frame" if abs(late) == 0.5 else f"{abs(late):g} frame{'s' * (abs(late) > 1)}"
+    told = OUT_OF_STEP.format(apart, *(("later", "late") if late > 0 else ("earlier", "early")), frames=frames)
+    return told + CORRECTED.format(name, late) * (abs(late) >= 1) + HALF * (late % 1 != 0)
 
 
 def _majority(votes: np.ndarray) -> set[int]:

@@ -3,6 +3,8 @@ much of is missing first there."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 
@@ -20,16 +22,18 @@ TOLERANCE = 0.5
 """Px by which a silhouette may be wider than drawn: exact masks then agree on every rim pixel."""
 
 
-def masks_of(inputs: Inputs, number: int, warps: dict[int, Warp] | None = None) -> dict[int, np.ndarray]:
+def masks_of(
+    inputs: Inputs, number: int, warps: dict[int, Warp] | None = None, views: Sequence[int] | None = None
+) -> dict[int, np.ndarray]:
     """[h, w] uint8 masks of one source frame in pixels of the rig, padded to the largest, by source view that has a
-    picture of it.
+    picture of it, of all or some of them.
 
     `warps`: kept from one frame to the next, as undoing a lens takes longer than the rest.
     """
     pictures, reader, found = inputs.source("pictures"), inputs.source("masks"), {}
     warps = {} if warps is None else warps
     width, height = (int(n) for n in inputs.rig.size.max(axis=0))
-    for v in inputs.views.sources:
+    for v in inputs.views.sources if views is None else views:
         if number in pictures.numbers(v):
             (given,) = reader.read(v, [number])
             if v not in warps:

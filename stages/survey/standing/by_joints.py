@@ -42,6 +42,8 @@ AS_WELL = 1.3
 """Times what a turn leaves up to which another moment explains joints as well."""
 LATEST = 30
 """Frames by which a camera may be out of step, either way."""
+PART = 0.5
+"""Frames from one moment that is tried to the next."""
 FEWEST_JOINTS = 12
 """Joints, of all frames together, that a camera must share with two others."""
 SCATTER = 2.0
@@ -111,7 +113,7 @@ def _beside_of_frames(rig: Rig, joints: np.ndarray, right: Sequence[int]) -> np.
     cameras that are `right` meet, median; infinite of none."""
     tracks = Tracks.of(rig, np.arange(len(rig)), joints.reshape(len(rig), -1, 3), SCORE)
     known = ((tracks.weights[right] > 0).sum(axis=0) >= 2)[:, None] & (tracks.weights.T > 0)
-    off = np.where(known, _off(rig, tracks, _points(tracks, right)), np.nan)
+    off = np.where(known, _off(rig, tracks, meeting_points(tracks, right)), np.nan)
     of_frames = np.moveaxis(off.reshape(*joints.shape[1:3], len(rig)), 1, 0)
     told = np.isfinite(of_frames).any(axis=0)
     return np.where(told, np.nanmedian(np.where(told, of_frames, 0.0), axis=0), np.inf)
@@ -124,7 +126,7 @@ def _standing(rig: Rig, people: np.ndarray, numbers: np.ndarray) -> Standing:
     found = _Tried(wrong, np.zeros((len(rig), 3)), np.zeros(len(rig)), np.zeros(len(rig)), True, 0.0)
     while len(rig) >= FEWEST:
         more = _fewest(turned(rig, found.turns), joints, min(MOST_WRONG, len(rig) // 3) - len(wrong))
-        together = _turned_back(rig, joints, tracks, wrong | more.wrong) if more and not more.wrong <= wrong else None
+        together = turned_back(rig, joints, tracks, wrong | more.wrong) if more and not more.wrong <= wrong else None
         if together is None or not together.mended or _otherwise(rig, people, numbers, tracks, together):
             break
         found, wrong = together, together.wrong
@@ -137,8 +139,8 @@ def _fewest(rig: Rig, joints: np.ndarray, most: int) -> _Tried | None:
     sets = [frozenset[int]()]
     for _ in range(most):
         larger = sorted({s | {v} for s in sets for v in views if v not in s}, key=sorted)
-        sets = sorted(larger, key=lambda s: (_scatter(rig, tracks, set(views) - s), sorted(s)))[:BEAM]
-        tried = sorted(filter(None, (_turned_back(rig, joints, tracks, s) for s in sets)), key=lambda t: t.left)
+        sets = sorted(larger, key=lambda s: (scatter(rig, tracks, set(views) - s), sorted(s)))[:BEAM]
+        tried = sorted(filter(None, (turned_back(rig, joints, tracks, s) for s in sets)), key=lambda t: t.left)
         if not tried:
             continue
         best, *others = tried
@@ -147,11 +149,11 @@ def _fewest(rig: Rig, joints: np.ndarray, most: int) -> _Tried | None:
     return None
 
 
-def _turned_back(rig: Rig, joints: np.ndarray, tracks: Tracks, wrong: frozenset[int]) -> _Tried | None:
+def turned_back(rig: Rig, joints: np.ndarray, tracks: Tracks, wrong: frozenset[int]) -> _Tried | None:
     """Some cameras turned to the others; None where they share too few joints with these."""
     right = [v for v in range(len(rig)) if v not in wrong]
-    points, known = _points(tracks, right), (tracks.weights[right] > 0).sum(axis=0) >= 2
-    among = _scatter(rig, tracks, right)
+    points, known = meeting_points(tracks, right), (tracks.weights[right] > 0).sum(axis=0) >= 2
+    among = scatter(rig, tracks, right)
     turns, apart, after = np.zeros((len(rig), 3)), np.zeros(len(rig)), np.zeros(len(rig))
     for v in sorted(wrong):
         shared = known & (tracks.weights[v] > 0)
@@ -167,7 +169,7 @@ def _turned_back(rig: Rig, joints: np.ndarray, tracks: Tracks, wrong: frozenset[
         apart[v], after[v] = (np.median(_off(r, t, points)[shared, v]) for r, t in ((rig, tracks), (stand, now)))
     most = CURED * max(EXACT, among)
     mended = all(apart[v] >= max(APART, NEARER * after[v]) and after[v] <= most for v in wrong)
-    return _Tried(wrong, turns, apart, after, mended, _scatter(stand, now, range(len(rig))))
+    return _Tried(wrong, turns, apart, after, mended, scatter(stand, now, range(len(rig))))
 
 
 def _otherwise(rig: Rig, people: np.ndarray, numbers: np.ndarray, tracks: Tracks, found: _Tried) -> bool:
@@ -175,7 +177,7 @@ def _otherwise(rig: Rig, people: np.ndarray, numbers: np.ndarray, tracks: Tracks
     person at another moment as well as turned."""
     right = [v for v in range(len(rig)) if v not in found.wrong]
     frames, count = people.shape[1], people.shape[3]
-    points = _points(tracks, right).reshape(frames, count, 3)
+    points = meeting_points(tracks, right).reshape(frames, count, 3)
     known = (tracks.weights[right] > 0).sum(axis=0).reshape(frames, count) >= 2
     return any(
         _somebody_else(rig.subset([v]), people[v, :, 1:], points, known, float(found.apart[v]))
@@ -188,7 +190,7 @@ def _somebody_else(camera: Rig, others: np.ndarray, points: np.ndarray, known: n
     """Whether other people of a camera, [F, P, J, 3], lie at world points [F, J, 3] in half of the frames."""
     fits = 0
     for seen, place, told in zip(others, points, known, strict=True):
-        off = [_beside(camera, one, place, told) for one in seen]
+        off = [beside(camera, one, place, told) for one in seen]
         fits += bool(off) and min(off) <= max(APART, apart / NEARER)
     return 2 * fits >= len(points)
 
@@ -200,10 +202,11 @@ def _another_moment(camera: Rig, seen: np.ndarray, numbers: np.ndarray, points: 
         return np.inf
     velocity = np.gradient(points, numbers.astype(np.float64), axis=0)
     told = known & (np.gradient(known.astype(float), axis=0) == 0)
-    return min(_beside(camera, seen, points + late * velocity, told) for late in range(-LATEST, LATEST + 1))
+    moments = np.arange(-LATEST, LATEST + PART, PART)
+    return min(beside(camera, seen, points + later * velocity, told) for later in moments)
 
 
-def _beside(camera: Rig, seen: np.ndarray, points: np.ndarray, known: np.ndarray) -> float:
+def beside(camera: Rig, seen: np.ndarray, points: np.ndarray, known: np.ndarray) -> float:
     """Px of a picture of `SIDE` px from world points [..., 3] to joints [..., 3] of one camera, median of those that
     are known; infinite of none."""
     pixels, depth = project(camera, points)
@@ -228,18 +231,18 @@ def _turn(rig: Rig, tracks: Tracks, view: int, points: np.ndarray, shared: np.nd
     return np.asarray(cv2.Rodrigues(turn)[0], dtype=np.float64).ravel()
 
 
-def _scatter(rig: Rig, tracks: Tracks, views: Iterable[int]) -> float:
+def scatter(rig: Rig, tracks: Tracks, views: Iterable[int]) -> float:
     """Px by which joints of some cameras lie beside where the rays of at least three of these meet, median over those
     of a camera, mean over cameras; infinite where nothing is seen by three."""
     among = sorted(views)
     seen = tracks.weights[among] > 0
     told = seen & (seen.sum(axis=0) >= 3)
-    off = _off(rig, tracks, _points(tracks, among)).T[among]
+    off = _off(rig, tracks, meeting_points(tracks, among)).T[among]
     medians = [np.median(px[known]) for px, known in zip(off, told, strict=True) if known.any()]
     return float(np.mean(medians)) if medians else np.inf
 
 
-def _points(tracks: Tracks, views: Sequence[int]) -> np.ndarray:
+def meeting_points(tracks: Tracks, views: Sequence[int]) -> np.ndarray:
     """[N, 3] where the rays of some cameras meet; anywhere of joints that fewer than two see."""
     weights = np.zeros_like(tracks.weights)
     weights[list(views)] = tracks.weights[list(views)]

@@ -25,6 +25,7 @@ from posegaussian.stages.survey.algorithms.silhouettes import masks_of
 from posegaussian.stages.survey.standing.by_joints import standing_by_joints
 from posegaussian.stages.survey.standing.lacking import lacking
 from posegaussian.stages.survey.standing.moved import without_moved
+from posegaussian.stages.survey.standing.out_of_step import late_by_joints, late_by_silhouettes
 from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.masks import foreground
 
@@ -93,6 +94,8 @@ def told(found: Standing, inputs: Inputs) -> np.ndarray:
     for v, moved in found.moved.items():
         share = np.linalg.norm(moved.by) * rig.intrinsics[v, 0, 0] / longest[v]
         rows[v] = *moved.by, share, Told.MOVED, moved.before, moved.after
+    for v, by in found.late.items():
+        rows[v, 4:6] = Told.LATE, by
     return rows
 
 
@@ -106,7 +109,7 @@ def as_they_stand(inputs: Inputs, sample: int) -> AsTheyStand:
 def standing_in(inputs: Inputs, numbers: np.ndarray) -> Standing:
     """How source cameras stand by their masks in some of the sampled source frames `numbers` [n], or, where fewer than
     `FEWEST` views have one that is not empty, by joints; as they are written down where these tell nothing either."""
-    rig, sources, warps = inputs.rig, list(inputs.views.sources), dict[int, Warp]()
+    rig, warps = inputs.rig, dict[int, Warp]()
     asked = list(compared_numbers(numbers)) if MASKS in inputs.facts else []
 
     @cache
@@ -116,45 +119,76 @@ def standing_in(inputs: Inputs, numbers: np.ndarray) -> Standing:
     def outlined(number: int) -> Outlined:
         return Outlined.of(rig, masks(number))
 
+    def late(wrong: int) -> int:
+        of_frames = {n: masks(n) for n in compared}
+        return late_by_silhouettes(rig, of_frames, wrong, lambda n: masks_of(inputs, n, warps, [wrong]).get(wrong))
+
     compared = [n for n in map(int, asked) if sum(foreground(m).any() for m in masks(n).values()) >= FEWEST]
     if compared:
         of_all = [(n, masks(n)) for n in sorted({*compared, int(numbers[0]), int(numbers[-1])})]
         return _kept(
             (rig.digest, numbers.tolist(), [(n, sorted(m)) for n, m in of_all]),
             [m[v] for _, m in of_all for v in sorted(m)],
-            lambda: _by_silhouettes(rig, numbers, outlined, compared),
+            lambda: _by_silhouettes(rig, numbers, outlined, compared, late),
         )
-    if JOINTS2D not in inputs.facts or len(sources) < FEWEST or _doubtful_pixels(inputs):
+    if JOINTS2D not in inputs.facts or len(inputs.views.sources) < FEWEST or _doubtful_pixels(inputs):
         return as_written(rig)
-    few, cameras = few_of(numbers), rig.subset(sources)
-    people = _people(inputs, few)
-    found = _kept((rig.digest, sources, few), [people], lambda: standing_by_joints(cameras, people, few))
-    turns, apart = np.zeros((len(rig), 3)), np.zeros(len(rig))
-    turns[sources], apart[sources] = found.turns, found.apart * rig.size.max() / cameras.size.max()
-    return replace(found, turns=turns, apart=apart, moved={sources[v]: m for v, m in found.moved.items()})
+    few = few_of(numbers)
+    people = _people(inputs, inputs.views.sources, few)
+    return _kept((rig.digest, inputs.views.sources, few), [people], lambda: _by_joints(inputs, people, few))
 
 
 def _by_silhouettes(
-    rig: Rig, numbers: np.ndarray, outlined: Callable[[int], Outlined], compared: Sequence[int]
+    rig: Rig,
+    numbers: np.ndarray,
+    outlined: Callable[[int], Outlined],
+    compared: Sequence[int],
+    late: Callable[[int], int],
 ) -> Standing:
-    """How cameras stand by the silhouettes of the frames `compared`, of all `numbers` that are sampled; and, of those
-    that are right or turned to be so, whose masks lack something."""
+    """How cameras stand by the silhouettes of the frames `compared`, of all `numbers` that are sampled; by how many the
+    only wrong one is late; and, of those that are right or turned to be so, whose masks lack something."""
     frames = [outlined(n) for n in compared]
     found = without_moved(rig, numbers, outlined, standing(rig, frames))
+    if len(found.wrong) == 1 and not found.mirrored:
+        found = replace(found, late={v: by for v in found.wrong if (by := late(v))})
     right = [f.among([v for v in f.silhouettes.views if v not in {*found.wrong, *found.moved}]) for f in frames]
     return replace(found, lacking=lacking(turned(rig, found.turns), right))
 
 
-def _people(inputs: Inputs, numbers: np.ndarray) -> np.ndarray:
-    """[S, n, P, 17, 3] (u, v, score) of the people each source view shows in source frames `numbers` [n], px of the
+def _by_joints(inputs: Inputs, people: np.ndarray, numbers: np.ndarray) -> Standing:
+    """How cameras stand by the joints [S, n, P, 17, 3] of the source views in frames `numbers` [n]; one that is out of
+    step by what it shows at the moments of the others."""
+    rig, sources = inputs.rig, list(inputs.views.sources)
+    cameras = rig.subset(sources)
+
+    def around(view: int, asked: np.ndarray) -> np.ndarray:
+        return _people(inputs, [sources[view]], asked)[0, :, 0]
+
+    late = late_by_joints(cameras, people[:, :, 0], numbers, around)
+    if late is not None:
+        people = people.copy()
+        people[late.camera, :, 0] = late.joints
+    found = standing_by_joints(cameras, people, numbers)
+    turns, apart = np.zeros((len(rig), 3)), np.zeros(len(rig))
+    turns[sources], apart[sources] = found.turns, found.apart
+    apart *= rig.size.max() / cameras.size.max()
+    moved = {sources[v]: m for v, m in found.moved.items()}
+    if late is None:
+        return replace(found, turns=turns, apart=apart, moved=moved)
+    apart[sources[late.camera]] = late.apart * rig.size.max() / cameras.size.max()
+    return replace(found, turns=turns, apart=apart, moved=moved, late={sources[late.camera]: late.frames})
+
+
+def _people(inputs: Inputs, views: Sequence[int], numbers: np.ndarray) -> np.ndarray:
+    """[S, n, P, 17, 3] (u, v, score) of the people each of some views shows in source frames `numbers` [n], px of the
     rig, the largest first; score 0 where there are fewer."""
-    sources, reader = inputs.views.sources, joint_reader(inputs)
+    reader = joint_reader(inputs)
     if isinstance(reader, EstimatedJoints):
-        for v in sources:
+        for v in views:
             reader.look_at(v, numbers)
-    of_view = [[by_size(people_of(inputs, v, int(n))) for n in numbers] for v in sources]
+    of_view = [[by_size(people_of(inputs, v, int(n))) for n in numbers] for v in views]
     most = max([1, *(len(people) for frames in of_view for people in frames)])
-    out = np.zeros((len(sources), len(numbers), most, 17, 3))
+    out = np.zeros((len(views), len(numbers), most, 17, 3))
     for v, frames in enumerate(of_view):
         for n, people in enumerate(frames):
             out[v, n, : len(people)] = people

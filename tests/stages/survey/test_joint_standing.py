@@ -114,6 +114,52 @@ def walker(late: int = 0) -> np.ndarray:
     return out
 
 
+def swinging(numbers: np.ndarray) -> np.ndarray:
+    """[F, 17, 3] metres: the same walker in single frames, twelve and a half a second."""
+    return np.stack([walker(2 * int(n))[0] for n in numbers])
+
+
+def late_of(by: float, noise: float, camera: int = 1, bumped: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Standing:
+    """How six cameras stand by joints that came with the capture, of which one is so many frames late, and bumped."""
+    rig, _ = written(right := ring(6, SIZE, radius=3.5), {camera: bumped})
+    count = 28
+    seen = detected(right, noise, 0, swinging(np.arange(count)))
+    # Of half a frame the picture shows what lies between two of a camera that films at twice the rate.
+    moments = swinging(np.arange(count) - int(np.floor(by))), swinging(np.arange(count) - int(np.ceil(by)))
+    seen[camera] = detected(right, noise, 1, np.mean(moments, axis=0))[camera]
+    inputs: Any = SimpleNamespace(
+        facts=frozenset({"joints2d"}),
+        views=roles(rig),
+        rig=rig,
+        source_rig=rig,
+        captured_to_calibrated=np.tile([1.0, 0.0, 0.0], (6, 1)),
+        source=lambda kind: Joints2D.single(seen.swapaxes(0, 1)),
+    )
+    return standing_in(inputs, np.arange(4, 24, 3))
+
+
+@pytest.mark.parametrize("noise", [0.0, 2.0])
+@pytest.mark.parametrize("by", [1, 2, 3, -1, -2])
+def test_a_camera_that_is_late_is_told_with_the_frames(by: int, noise: float) -> None:
+    told = late_of(by, noise)
+    assert dict(told.late) == {1: by}
+    assert set(np.flatnonzero(told.apart)) == {1}
+    assert not told.turns.any()
+    assert not told.wrong
+
+
+@pytest.mark.parametrize("by", [1.5, 2.5, -1.5])
+def test_half_a_frame_is_told_where_neither_frame_fits(by: float) -> None:
+    assert dict(late_of(by, 0.0).late) == {1: by}
+
+
+def test_who_stands_right_or_is_bumped_is_not_late_nor_whose_moment_lies_beyond_those_that_are_asked() -> None:
+    for by, bumped in ((0, (0.0, 0.0, 0.0)), (0, (0.0, 18.0, 0.0)), (0, (18.0, 0.0, 0.0)), (6, (0.0, 0.0, 0.0))):
+        told = late_of(by, 2.0, bumped=bumped)
+        assert not told.late
+        assert told.turns.any() == any(bumped)
+
+
 @pytest.mark.parametrize("views", [4, 6, 8])
 def test_a_camera_that_is_late_is_not_turned_after_somebody_who_walks_by(views: int) -> None:
     rig = ring(views, SIZE, radius=3.5)

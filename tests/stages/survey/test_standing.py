@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -88,3 +89,24 @@ def test_nobody_lacks_anything_who_is_turned_or_out_of_step(person: PersonCaptur
         assert contradiction(rig, [outlined], range(VIEWS)) > INCOHERENT * SIZE / 512
         assert lacking(rig, [outlined]) == frozenset()
     assert lacking(person.rig, [Outlined.of(person.rig, right | {2: cut(right[2])})]) == {2}
+
+
+def test_a_camera_whose_masks_are_late_is_noted_with_the_frames() -> None:
+    """Of a kick, every fourth picture of it; of one that is mirrored, or of masks of somebody at rest, nothing tells of
+    another moment."""
+    kick = capture_person(views=6, size=96, frames=4 * (FRAMES + 2) + 1, motion="kick", held_out=0)
+
+    def row(late: int, paint: Callable[[np.ndarray], np.ndarray] = lambda mask: mask) -> np.ndarray:
+        shown = np.clip(np.arange(FRAMES) + 2 - late * (np.arange(6) == 2)[:, None], 0, FRAMES + 2)
+        masks = [[paint(kick.mask[4 * n, v]) if v == 2 else kick.mask[4 * n, v] for n in shown[v]] for v in range(6)]
+        sources = {"pictures": Pictures([[np.zeros((96, 96, 3), np.uint8)] * FRAMES] * 6), "masks": Pictures(masks)}
+        facts = frozenset({STANDING, "masks"})
+        written = run_stage(
+            STAGE, SurveyParams(), {}, kick.rig, kick.views, FRAMES, view=2, sources=sources, facts=facts
+        )
+        return np.asarray(written[STANDING][2])
+
+    assert [tuple(row(late)[4:6]) for late in (1, 2, -2)] == [(Told.LATE, 1), (Told.LATE, 2), (Told.LATE, -2)]
+    assert row(2)[3] > 0
+    assert row(0, lambda mask: mask[::-1].copy())[4] == Told.WRONG
+    assert not row(0).any()

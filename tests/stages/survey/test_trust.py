@@ -160,6 +160,22 @@ def test_a_camera_that_was_moved_in_mid_take_is_left_out_and_the_moment_is_said(
     assert found[3].belief.measured > 0.3
 
 
+def test_a_camera_that_is_out_of_step_is_left_out_and_what_to_set_is_said() -> None:
+    standing = np.zeros((6, 7))
+    for late, said in (
+        (1.0, "what it shows 1 frame later does not: it seems late by 1 frame; set frames.time_offset: {c3: 1}"),
+        (-2.0, "2 frames earlier does not: it seems early by 2 frames; set frames.time_offset: {c3: -2}"),
+        (0.5, "half a frame later does not: it seems late by half a frame, and half a frame cannot be corrected"),
+        (1.5, "late by 1.5 frames; set frames.time_offset: {c3: 1.5}, and half a frame cannot be corrected"),
+    ):
+        standing[3, 3:6] = 0.02, Told.LATE, late
+        found = judged(parties(6, set()), standing)
+        assert [v.camera for v in found if v.state == "left out"] == ["c3"]
+        assert found[3].sentence.endswith(said)
+        assert "2.00 % of the picture's longer side" in found[3].sentence
+        assert "bring it into step" in of_trust({"c3": found[3]})[0].advice
+
+
 def test_a_camera_that_its_lines_accuse_all_the_same_is_left_out_and_not_turned() -> None:
     standing = np.zeros((8, 7))
     standing[2, 1] = 0.02
