@@ -34,7 +34,7 @@ def dimensions(params: DetectionParams, facts: Facts) -> dict[str, int]:
 STAGE = Stage(
     name="detection",
     summary="Find people and their joints in the pictures, and look again where a view missed the subject.",
-    version=2,
+    version=3,
     run="posegaussian.stages.detection.run:run",
     check="posegaussian.stages.detection.run:check",
     reads=(Read.source("pictures", views="sources"), Read.source("estimator")),

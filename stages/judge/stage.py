@@ -83,7 +83,7 @@ def _joints3d(params: JudgeParams, facts: Facts) -> bool:
 STAGE = Stage(
     name="judge",
     summary="Draw left-out source views from the others, choice by choice, on a few reduced frames.",
-    version=12,
+    version=13,
     run="posegaussian.stages.judge.run:run",
     reads=(
         Read.source("pictures", views="sources"),

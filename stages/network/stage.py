@@ -55,7 +55,7 @@ def _heatmaps(params: NetworkParams, facts: Facts) -> bool:
 STAGE = Stage(
     name=NETWORK,
     summary="Refine depth and Gaussians by what the trained network sees in pairs of views.",
-    version=10,
+    version=11,
     run="posegaussian.stages.network.run:run",
     check="posegaussian.stages.network.run:check",
     reads=(
