@@ -13,7 +13,7 @@ from posegaussian.stages.contract.facts import REFINING, Facts, fact
 from posegaussian.stages.contract.judged import LEARNED, MATTES, cannot_judge, drawn_at, mean_scores
 from posegaussian.stages.geometry.pairs import neighbour_angles
 from posegaussian.stages.network.card import read_card, shipped
-from posegaussian.stages.network.model.presets import TRAINED_ANGLE, Preset
+from posegaussian.stages.network.model.presets import LONELY_ANGLE, TRAINED_ANGLE, Preset
 from posegaussian.stages.network.params import AUTO, NONE, NetworkParams
 from posegaussian.storage.model.cameras import Rig
 
@@ -102,10 +102,11 @@ def fitting_weights(rig: Rig, sources: Sequence[int]) -> tuple[list[str], str]:
 
 
 def widest_angle(params: NetworkParams) -> float:
-    """Degrees between the views of the widest pairs that weights by these settings may look at; of a file of weights
-    `TRAINED_ANGLE`."""
+    """Degrees between the views of the widest pairs that weights by these settings may look at; a file of weights is
+    taken for trained up to `TRAINED_ANGLE`."""
     names = CANDIDATES[1:] if params.weights == AUTO else (params.weights,)
-    return max((_preset(n).widest for n in names if n in CANDIDATES[1:]), default=TRAINED_ANGLE)
+    trained = max((_preset(n).widest for n in names if n in CANDIDATES[1:]), default=TRAINED_ANGLE)
+    return max(trained, LONELY_ANGLE)
 
 
 @cache

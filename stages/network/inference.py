@@ -31,7 +31,7 @@ from posegaussian.stages.network.model.pairs import (
     window_around,
     windows,
 )
-from posegaussian.stages.network.model.presets import TRAINED_ANGLE, TRAINED_SIDE, Preset
+from posegaussian.stages.network.model.presets import LONELY_ANGLE, TRAINED_ANGLE, TRAINED_SIDE, Preset
 from posegaussian.stages.network.single_view import beside, single_pair
 from posegaussian.stages.network.third_view import candidates, third_of
 from posegaussian.storage.model.cameras import Rig, points_to_integer_centres
@@ -83,10 +83,13 @@ class Looks:
     ) -> Looks:
         """Each view with its `count` nearest usable neighbours, every pair once; none of more than `widest` degrees,
         beyond what the network was trained on: where a real pair stood 65 apart and the widest trained on 60, both
-        views' depths agreed on 13 % fewer pixels with it than without. `turned`: whether axes may be turned in their
-        pictures."""
+        views' depths agreed on 13 % fewer pixels with it than without. But a view without a pair gets its nearest, up
+        to `LONELY_ANGLE`. `turned`: whether axes may be turned in their pictures."""
         reports = pair_report(rig, views, widest)
         partners = choose_pairs(rig, views, count, reports=reports)
+        if not all(partners.values()):
+            nearest = choose_pairs(rig, views, 1, reports=pair_report(rig, views, max(widest, LONELY_ANGLE)))
+            partners = {v: found or nearest[v] for v, found in partners.items()}
         seeing = rig.subset(views)
         centre, up = look_at_point(seeing), up_direction(seeing)
         scale = _scale(rig, views)

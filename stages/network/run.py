@@ -16,7 +16,7 @@ from posegaussian.stages.matching.fuse import MATCHED
 from posegaussian.stages.network.inference import NUMBERS, Learned, Looks, leaning, look, look_alone, refined
 from posegaussian.stages.network.model.network import PoseGaussianNetwork
 from posegaussian.stages.network.model.pairs import SourceView
-from posegaussian.stages.network.model.presets import Preset
+from posegaussian.stages.network.model.presets import LONELY_ANGLE, Preset
 from posegaussian.stages.network.notes import notes
 from posegaussian.stages.network.params import QUATERNIONS, TURNED, NetworkParams, shown_bytes
 from posegaussian.stages.network.precision import precision_of
@@ -70,7 +70,8 @@ def run(inputs: TimedInputs, params: NetworkParams) -> Iterator[Block]:
         z, sure = depth.get(v, np.zeros(shape, np.float32)), confidence.get(v, np.zeros(shape, np.float16))
         mean = _mean(z, sure)
         known = float(mean[mean > 0].mean()) if (mean > 0).any() else 0.0
-        said = notes(inputs.rig, sources, v, network.preset.widest, known, left_out[v]) if z.any() else ()
+        reach = max(network.preset.widest, LONELY_ANGLE)
+        said = notes(inputs.rig, sources, v, reach, known, left_out[v]) if z.any() else ()
         yield Block("network/depth", z, v)
         yield Block("network/confidence", sure, v)
         yield Block("network/share", mean, v, notes=said)

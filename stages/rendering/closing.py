@@ -2,10 +2,11 @@
 
 Cameras that stand far apart leave strips of the subject that face away from both neighbours: there is no Gaussian, and
 the picture has holes as wide as an arm or half a back. Along the ray of such a pixel the body begins at the first point
-that lies within a limb (`posegaussian.stages.depth.algorithms.pose_prior`) and the silhouettes' hull, and that no
-source view sees through: a view sees through a point if its own surface lies behind it. The pixel takes the colour of
-that point in the views that see it, by angle; where none does, of the views whose ray through it comes from the most
-similar side. As in image-based visual hulls (Matusik et al., 2000), with depth maps that carve, too.
+that lies within the flesh of a limb whose joints are known (`flesh_of` of
+`posegaussian.stages.depth.algorithms.pose_prior`) and the silhouettes' hull, and that no source view sees through: a
+view sees through a point if its own surface lies behind it. The pixel takes the colour of that point in the views that
+see it, by angle; where none does, of the views whose ray through it comes from the most similar side. As in image-based
+visual hulls (Matusik et al., 2000), with depth maps that carve, too.
 
 Only gaps are closed. Beside the outline a hull reaches a few pixels beyond the subject, and what is one pixel thin is
 no limb: strips narrower than `GAP` and bodies thinner than `THIN` stay as they are.
@@ -23,7 +24,6 @@ import cv2
 import numpy as np
 
 from posegaussian.stages.compiling.compiled import compiled
-from posegaussian.stages.depth.algorithms.pose_prior import MARGIN
 from posegaussian.stages.geometry.consistency import SAME_SURFACE
 from posegaussian.stages.geometry.projection import rays
 from posegaussian.stages.rendering.clipping import cover
@@ -56,7 +56,7 @@ class Body:
     silhouettes: Silhouettes
     """What the masks say."""
     limbs: np.ndarray
-    """[N, 7] capsules, world metres, the margin for cloth included."""
+    """[N, 7] capsules, world metres, of flesh that is surely there: nothing is closed where a limb may be."""
     depth: np.ndarray
     """[S, h, w] float32 metres along the optical axes of S source views, 0 = none."""
     color: np.ndarray
@@ -161,7 +161,7 @@ def _disc(radius: int) -> np.ndarray:
 
 
 def _of_limbs(wanted: np.ndarray, limbs: np.ndarray, camera: Camera) -> np.ndarray:
-    """[h, w] bool: which of the wanted pixels' rays meet the flesh of a limb."""
+    """[h, w] bool: which of the wanted pixels' rays meet a limb."""
     rows, columns = np.nonzero(wanted)
     out = np.zeros(wanted.shape, bool)
     out[rows, columns] = _meeting(*_rays_of(rows, columns, camera), limbs)
@@ -181,7 +181,7 @@ def _square(reach: int) -> np.ndarray:
 
 @compiled
 def _meeting(origin: np.ndarray, directions: np.ndarray, limbs: np.ndarray) -> np.ndarray:
-    """[N] bool: which rays [N, 3] meet the flesh of a capsule."""
+    """[N] bool: which rays [N, 3] meet a capsule."""
     met, near = np.zeros(len(directions), np.bool_), np.empty(len(limbs), np.int64)
     for n in range(len(directions)):
         met[n] = _limbs_near(origin, directions[n], limbs, near) > 0
@@ -190,7 +190,7 @@ def _meeting(origin: np.ndarray, directions: np.ndarray, limbs: np.ndarray) -> n
 
 @compiled
 def _limbs_near(origin: np.ndarray, d: np.ndarray, limbs: np.ndarray, near: np.ndarray) -> int:
-    """How many limbs have flesh on the line of a ray; the first of `near` [L] are filled with their indices.
+    """How many limbs the line of a ray meets; the first of `near` [L] are filled with their indices.
 
     Seen along the ray, at right angles to it, a capsule is a line of `start + s step`, 0 <= s <= 1, and the ray a point
     at 0.
@@ -213,7 +213,7 @@ def _limbs_near(origin: np.ndarray, d: np.ndarray, limbs: np.ndarray, near: np.n
             start = limbs[n, i] - origin[i] - from_ray * d[i]
             step = limbs[n, 3 + i] - limbs[n, i] - along * d[i]
             off += (start + s * step) ** 2
-        radius = limbs[n, 6] - MARGIN
+        radius = limbs[n, 6]
         if off <= radius * radius * (1 + 1e-9):  # a point within is never missed for how sums are rounded
             near[count] = n
             count += 1
@@ -222,9 +222,9 @@ def _limbs_near(origin: np.ndarray, d: np.ndarray, limbs: np.ndarray, near: np.n
 
 @compiled
 def _in_limb(point: np.ndarray, limbs: np.ndarray, near: np.ndarray) -> bool:
-    """Whether a point lies within the flesh of one of the capsules `near`."""
+    """Whether a point lies within one of the capsules `near`."""
     for n in near:
-        a, b, radius = limbs[n, :3], limbs[n, 3:6], limbs[n, 6] - MARGIN
+        a, b, radius = limbs[n, :3], limbs[n, 3:6], limbs[n, 6]
         length, along = 0.0, 0.0
         for i in range(3):
             length += (b[i] - a[i]) ** 2

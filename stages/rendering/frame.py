@@ -11,7 +11,7 @@ import torch
 from posegaussian.stages.contract.facts import MASKS
 from posegaussian.stages.contract.io import Inputs
 from posegaussian.stages.contract.reading import read_together
-from posegaussian.stages.depth.algorithms.pose_prior import limbs_of
+from posegaussian.stages.depth.algorithms.pose_prior import flesh_of
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.imaging.part import part_around
 from posegaussian.stages.rendering.clipping import UNSURE, beside, retouched
@@ -101,11 +101,12 @@ class MapReader:
             self._masks = {v: self.inputs.read("frames/mask", v) for v in self.inputs.views.sources}
         return {v: m[i] for v, m in self._masks.items() if self.inputs.valid[i, v]}
 
-    def limbs(self, i: int) -> np.ndarray:
-        """[N, 7] capsules of the subject's limbs in the i-th frame, world metres."""
+    def flesh(self, i: int) -> np.ndarray:
+        """[N, 7] capsules of the subject's limbs whose joints are known in the i-th frame, world metres. Where a limb
+        may be is none: of bodies that the pictures cut at the knees balls of 0.6 m would be closed."""
         joint_set = self.inputs.joint_set
         assert joint_set is not None, f"{SURFACE_CLOSING} is on without joints"
-        return limbs_of(to_set(self.inputs.read("pose/joints3d")[i : i + 1], joint_set, "coco17")[0])
+        return flesh_of(to_set(self.inputs.read("pose/joints3d")[i : i + 1], joint_set, "coco17")[0], feet=True)
 
     def sureness(self, i: int) -> Sureness:
         """How sure the source views are of the joints of the i-th frame, from it and the frames before."""
@@ -272,7 +273,7 @@ class FrameRenderer:
             return None
         maps = {v: self.reader.maps(self.i, v)[0] for v in masks}
         depth, color = ({v: np.asarray(getattr(m, n)) for v, m in maps.items()} for n in ("depth", "color"))
-        return Body.of(self.rig, silhouettes, self.reader.limbs(self.i), depth, color, masks)
+        return Body.of(self.rig, silhouettes, self.reader.flesh(self.i), depth, color, masks)
 
     def _prepare(self, view: int, refined: bool) -> None:
         if (view, refined) in self._lifted:

@@ -84,7 +84,7 @@ def limbs_of(joints: np.ndarray) -> np.ndarray:
     if not known[_SHOULDERS + _HIPS].all():
         return np.zeros((0, 7))
     size, found = _bones(known, at)
-    found += [(at[j], at[j], FOOT) for j in _ANKLES if known[j]]
+    found += _feet(known, at)
     for chain, reaches in _ALL_CHAINS:
         unknown = int(np.argmin(known[chain]))
         if not known[chain].all():
@@ -95,14 +95,20 @@ def limbs_of(joints: np.ndarray) -> np.ndarray:
     return np.array([(*a, *b, size * radius + MARGIN) for a, b, radius in found])
 
 
-def flesh_of(joints: np.ndarray) -> np.ndarray:
-    """[N, 7] capsules as of `limbs_of`, without a margin, of what is surely there: no foot, which points anywhere, and
-    no limb whose end is unknown."""
+def flesh_of(joints: np.ndarray, feet: bool = False) -> np.ndarray:
+    """[N, 7] capsules as of `limbs_of`, without a margin, of what is surely there: no limb whose end is unknown, and no
+    foot, which points anywhere, unless `feet` are asked for."""
     known, at = joints[:, 3] > 0, joints[:, :3].astype(np.float64)
     if not known[_SHOULDERS + _HIPS].all():
         return np.zeros((0, 7))
     size, found = _bones(known, at)
+    found += _feet(known, at) if feet else []
     return np.array([(*a, *b, size * radius) for a, b, radius in found])
+
+
+def _feet(known: np.ndarray, at: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, float]]:
+    """As of `_bones`, balls around the ankles that are known [17]."""
+    return [(at[j], at[j], FOOT) for j in _ANKLES if known[j]]
 
 
 def _bones(known: np.ndarray, at: np.ndarray) -> tuple[float, list[tuple[np.ndarray, np.ndarray, float]]]:

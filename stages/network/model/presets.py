@@ -21,6 +21,9 @@ WIDEST = 1024
 """Channels of a level, or cells of a look-up, at most: a file may ask for more than any memory holds."""
 TRAINED_ANGLE = 62.0
 """Degrees: the widest pairs of rings of six cameras stand 60 apart."""
+LONELY_ANGLE = 70.0
+"""Degrees up to which a view that has no pair otherwise is shown with its nearest: so wide a pair says less than those
+of the training, and more than none (docs/measurements/network.md)."""
 TRAINED_SIDE = 640
 """Larger pictures are looked at as if their longer side had this many px: the networks know people of this size."""
 GROUP = 8

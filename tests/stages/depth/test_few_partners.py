@@ -177,11 +177,13 @@ def test_flesh_is_within_the_limbs_and_has_no_foot_and_no_reach(kick: PersonCapt
     held = [np.abs(limbs - (*f[:6], f[6] + MARGIN)).max(axis=1).min() for f in flesh]
     np.testing.assert_allclose(held, 0, atol=1e-9)
     assert len(limbs) == len(flesh) + 2, "two feet"
+    np.testing.assert_allclose(flesh_of(joints, feet=True), limbs - [0, 0, 0, 0, 0, 0, MARGIN], atol=1e-9)
     balls = flesh[(flesh[:, :3] == flesh[:, 3:6]).all(axis=1)]
     assert len(balls) == 1, "the head"
     assert balls[0, 6] < FOOT
     joints[COCO17.names.index("RWrist"), 3] = 0
     assert len(flesh_of(joints)) == len(flesh) - 2, "neither forearm nor hand, nor where they may be"
+    assert len(flesh_of(joints, feet=True)) == len(flesh)
     assert not len(flesh_of(np.zeros((17, 4))))
 
 

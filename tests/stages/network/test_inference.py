@@ -24,7 +24,7 @@ from posegaussian.stages.network.inference import (
 from posegaussian.stages.network.model.heads import trust
 from posegaussian.stages.network.model.network import Prediction
 from posegaussian.stages.network.model.pairs import PairViews, SourceView, windows
-from posegaussian.stages.network.model.presets import PRESETS, Preset
+from posegaussian.stages.network.model.presets import LONELY_ANGLE, PRESETS, TRAINED_ANGLE, Preset
 from posegaussian.storage.model.cameras import Rig
 from tests.support.network_views import UPRIGHT, network, plane_depth, plane_disparity, source, two_cameras
 
@@ -215,6 +215,15 @@ def test_views_without_a_surface_or_without_a_neighbour_are_not_spoken_of() -> N
     views[1] = source(rig, 1, np.zeros((128, 128), np.float32))
     assert look(Oracle([0.0, 0.0]), looks, views, 1, "float32") == {}  # type: ignore[arg-type]
     assert Looks.of(rig, (0, 2), 2).pairs == ()
+
+
+def test_a_view_that_has_no_pair_otherwise_is_shown_its_nearest_a_little_farther_off() -> None:
+    """Else it alone keeps its analytic depth, where all others have the network's."""
+    beyond, wider = TRAINED_ANGLE + 4, LONELY_ANGLE + 2
+    lonely = two_cameras(angles=(-40.0, 0.0, beyond, beyond + 30 - 360))
+    assert [p.views for p in Looks.of(lonely, (0, 1, 2), 2).pairs] == [(0, 1), (1, 2)]
+    assert [p.views for p in Looks.of(lonely, (0, 1, 2, 3), 2).pairs] == [(0, 1), (2, 3)], "which has one has no other"
+    assert [p.views for p in Looks.of(two_cameras(angles=(-40.0, 0.0, wider)), (0, 1, 2), 2).pairs] == [(0, 1)]
 
 
 def test_a_network_is_asked_the_same_and_answers_finite() -> None:

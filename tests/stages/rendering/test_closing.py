@@ -1,22 +1,31 @@
 """A body that cameras far apart saw from aside, closed for one between them."""
 
+from typing import Any
+
 import cv2
 import numpy as np
 import pytest
 
-from posegaussian.stages.depth.algorithms.pose_prior import MARGIN
+from posegaussian.stages.gaussians.params import GaussiansParams
 from posegaussian.stages.geometry.projection import pixel_centres, rays
+from posegaussian.stages.registry import stage
 from posegaussian.stages.rendering import closing
 from posegaussian.stages.rendering.clipping import cover
 from posegaussian.stages.rendering.closing import OPAQUE, Body, closed
+from posegaussian.stages.rendering.facts import SURFACE_CLOSING
+from posegaussian.stages.rendering.frame import FrameRenderer, MapReader
+from posegaussian.stages.rendering.params import RenderingParams
 from posegaussian.stages.silhouettes.places import agreed
+from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
 from posegaussian.stages.splatting.definition.scene import Camera
 from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.model.joint_sets import COCO17
 from tests.support.known_geometry import ring
+from tests.support.memory_inputs import MemoryInputs, run_stage
 
 SIZE, RADIUS, HALF = 96, 0.2, 0.4
 COLOR = np.array([200, 100, 50], np.uint8)
-LIMBS = np.array([[0.0, 0.0, -HALF, 0.0, 0.0, HALF, RADIUS + MARGIN]])
+LIMBS = np.array([[0.0, 0.0, -HALF, 0.0, 0.0, HALF, RADIUS]])
 RIG: Rig = ring(4, (SIZE, SIZE), focal=110.0)
 """Cameras 90 degrees apart: three are sources, the fourth draws."""
 SOURCES, TARGET = (0, 2, 3), 1
@@ -90,6 +99,47 @@ def test_without_limbs_nothing_is_known() -> None:
     assert not color.any()
 
 
+@pytest.fixture(scope="module")
+def person() -> PersonCapture:
+    return capture_person(views=4, size=SIZE, frames=1, held_out=1)
+
+
+def body_of(person: PersonCapture, *unknown: str) -> Body:
+    """Of a frame in which nobody found these joints and whose masks are 10 px too wide."""
+    joints = person.joints3d.copy()
+    joints[:, [COCO17.names.index(name) for name in unknown], 3] = 0
+    given: dict[str, np.ndarray] = {
+        "depth/depth": person.depth,
+        "depth/confidence": (person.depth > 0).astype(np.float16),
+        "frames/color": person.color,
+        "frames/mask": np.stack([[cv2.dilate(m, np.ones((21, 21), np.uint8)) for m in person.mask[0]]]),
+        "pose/joints3d": joints,
+    }
+    given |= run_stage(stage("gaussians"), GaussiansParams(), given, person.rig, person.views, 1)
+    params, on = RenderingParams(), frozenset({SURFACE_CLOSING})
+    inputs: Any = MemoryInputs(
+        stage("rendering"), params, given, person.rig, person.views, range(1), 1, facts=on, effects=on
+    )
+    found = FrameRenderer(MapReader(inputs), 0, params).body
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("unknown", [("LAnkle", "RAnkle"), ("LWrist",), ("RElbow", "RWrist"), ("LEar", "REar")])
+def test_where_a_limb_may_be_nothing_is_closed(person: PersonCapture, unknown: tuple[str, ...]) -> None:
+    """A ball that holds the limb wherever it is was taken for flesh: 0.6 m around knees above the picture's border."""
+    view = person.views.held_out[0]
+    camera = Camera(person.rig.intrinsics[view], person.rig.world_to_camera[view], SIZE, SIZE)
+    known, own = body_of(person), body_of(person, *unknown)
+    assert own.limbs[:, 6].max() < 0.2
+    whole, found = closed(*EMPTY, known, camera)[1] > 0, closed(*EMPTY, own, camera)[1] > 0
+    beside = person.mask[0, view] == 0
+    assert not found[beside & ~whole].any()
+    assert found[~beside].sum() > 0.75 * whole[~beside].sum() > 0, "the rest is closed as ever"
+    if "LAnkle" in unknown:
+        assert not found[beside].any(), "of the whole body balls for feet reach farther"
+
+
 def test_a_limb_elsewhere_closes_nothing() -> None:
     _, alpha = closed(*EMPTY, body(DEPTH, LIMBS + np.array([2.0, 0, 0, 2.0, 0, 0, 0])), CAMERA)
     assert not alpha.any()
@@ -113,7 +163,7 @@ def test_the_hull_and_the_limbs_asked_of_every_pixel_say_the_same(monkeypatch: p
 
 def test_a_limb_that_holds_a_point_of_a_ray_is_near_it() -> None:
     rng = np.random.default_rng(2)
-    limbs = np.concatenate([rng.uniform(-1, 1, (40, 6)), rng.uniform(0.05, 0.3, (40, 1)) + MARGIN], axis=1)
+    limbs = np.concatenate([rng.uniform(-1, 1, (40, 6)), rng.uniform(0.05, 0.3, (40, 1))], axis=1)
     limbs[:3, 3:6] = limbs[:3, :3]  # balls
     origin, near, found = np.array([0.2, -3.0, 0.1]), np.empty(len(limbs), np.int64), 0
     depths, every = np.linspace(1.5, 4.5, 3000), np.arange(len(limbs))
