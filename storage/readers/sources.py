@@ -27,7 +27,7 @@ from posegaussian.storage.formats.plain_hdf5 import Hdf5File
 from posegaussian.storage.model.capture import Capture, SourceFile, Stream
 from posegaussian.storage.model.errors import SourceError
 from posegaussian.storage.model.joint_sets import joint_set
-from posegaussian.storage.model.masks import foreground, marks_background
+from posegaussian.storage.model.masks import foreground, marks_background, without_blocks
 from posegaussian.storage.readers import hdf5, images
 from posegaussian.storage.readers.mask_options import read_as_meant
 from posegaussian.storage.readers.video import VideoFile
@@ -144,7 +144,7 @@ class Masks(_Source):
         are, and as the import found that they are meant (`read_as_meant`). One that marks the background, of a camera
         whose masks mostly hold less than half of the picture, is read the other way round. Raises SourceError."""
         for mask in self._given(view, numbers):
-            yield images.resized(mask, self._shown[view])
+            yield images.resized(without_blocks(mask), self._shown[view])
 
     def turned(self, view: int, numbers: Sequence[int]) -> list[int]:
         """Of frame numbers that were read, those whose masks were read the other way round."""
