@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from posegaussian.stages.frames.bodies.body import body_shape, pixels_per_metre
+from posegaussian.stages.imaging.part import part_around
 from posegaussian.storage.model.cameras import points_to_integer_centres
 from posegaussian.storage.model.masks import foreground
 
@@ -60,7 +61,7 @@ def gaps_in(picture: np.ndarray, mask: np.ndarray, people: np.ndarray, set_id: s
     scale = max((pixels_per_metre(joints, set_id) for joints in inner), default=0.0)
     if scale <= 0:
         return None
-    part = _part(inside, round(AROUND * scale))
+    part = part_around(inside, round(AROUND * scale))
     where, inside = np.zeros(mask.shape, bool), inside[part]
     body = np.zeros(mask.shape, bool)
     for joints in inner:
@@ -89,13 +90,6 @@ def _stands_in(joints: np.ndarray, inside: np.ndarray) -> bool:
     at = np.rint(points_to_integer_centres(joints[joints[:, 2] > 0, :2])).astype(int)
     within = at[((at >= 0) & (at < [width, height])).all(axis=1)]
     return bool(len(at)) and inside[within[:, 1], within[:, 0]].sum() > len(at) / 2
-
-
-def _part(inside: np.ndarray, around: int) -> tuple[slice, slice]:
-    """Rows and columns of what a mask holds, and so many px around it."""
-    rows, columns = (np.flatnonzero(inside.any(axis=axis)) for axis in (1, 0))
-    down, across = (slice(max(0, int(at[0]) - around), int(at[-1]) + 1 + around) for at in (rows, columns))
-    return down, across
 
 
 def _like_the_backdrop(picture: np.ndarray, inside: np.ndarray, body: np.ndarray, scale: float) -> np.ndarray:
