@@ -35,6 +35,9 @@ from posegaussian.storage.model.cameras import Rig
 AROUND = 4
 """Frames up to which those of a camera are asked, either way; what fits best of those at the ends may not be what fits,
 and tells nothing."""
+FEWEST_FRAMES, OF_A_FRAME = 3, 3
+"""Frames in which joints must lie nearer at that moment, each by itself, and joints of a frame that tell: of one or two
+alone it is the detector that errs, as in `desk`, whose cameras are in step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,19 +100,45 @@ def late_by_joints(
         return None
     turned = turned_back(rig, of_all, tracks, frozenset({suspect}))
     moments = _moments(joints[suspect], numbers, lambda asked: around(suspect, asked))
-    enough = {by: seen for by, seen in moments.items() if (known & (seen[..., 2] >= SCORE)).sum() >= FEWEST_JOINTS}
-    left = {by: beside(camera, seen, points, known) for by, seen in enough.items()}
-    best = _best(left)
-    if turned is None or not 0 < abs(best) < AROUND or apart < NEARER * left[best]:
+    compared = {by: _compared(camera, moments, by, points, known) for by in moments}
+    best = _best({by: left / now for by, (left, now) in compared.items() if np.isfinite(left) and now > 0})
+    left, now = compared[best]
+    if turned is None or not 0 < abs(best) < AROUND or now < max(APART, NEARER * left):
         return None
-    if left[best] > min(CURED * max(EXACT, rest[suspect]), turned.after[suspect]):
+    if left > min(CURED * max(EXACT, rest[suspect]), turned.after[suspect]):
         return None
-    return OutOfStep(suspect, best, apart * float(rig.size.max()) / SIDE, enough[best])
+    return OutOfStep(suspect, best, apart * float(rig.size.max()) / SIDE, moments[best])
+
+
+def _compared(
+    camera: Rig, moments: Mapping[float, np.ndarray], by: float, points: np.ndarray, known: np.ndarray
+) -> tuple[float, float]:
+    """Px of a picture of `SIDE` px by which joints [F, J, 3] that a camera sees so many frames later lie beside where
+    the others leave them [F, J, 3], and those of now, of the same joints in the same frames: what is known of one of
+    them alone, a frame in which a stranger was found, says nothing.
+
+    Infinite of too few, or where fewer than `FEWEST_FRAMES` frames by themselves say so. Who is seen late lies farther
+    away at the opposite moment than now; where a detector errs, now, both are nearer.
+    """
+    now, then, opposite = (moments[m] for m in (0, by, -by))
+    both = known & (now[..., 2] >= SCORE) & (then[..., 2] >= SCORE)
+    if both.sum() < FEWEST_JOINTS:
+        return np.inf, np.inf
+    all_three = both & (opposite[..., 2] >= SCORE)
+    told = np.flatnonzero(all_three.sum(axis=1) >= OF_A_FRAME)
+    of_frames = np.array(
+        [[beside(camera, at[f], points[f], all_three[f]) for at in (then, now, opposite)] for f in told]
+    ).reshape(-1, 3)
+    left, apart, farther = of_frames[of_frames[:, 1] >= APART].T
+    says = (apart >= NEARER * left) & (farther >= AS_WELL * apart)
+    if by and (says.sum() < FEWEST_FRAMES or not says.all()):
+        return np.inf, np.inf
+    return beside(camera, then, points, both), beside(camera, now, points, both)
 
 
 def _best(left: Mapping[float, float]) -> float:
-    """Frames later at which least is left, px; half frames only where these fit clearly better than whole ones, as a
-    detector errs by less on the mean of two frames than in one. 0 of nothing."""
+    """Frames later at which least is left, as a share of what is now; half frames only where these fit clearly better
+    than whole ones, as a detector errs by less on the mean of two frames than in one. 0 of nothing."""
     ordered = sorted(left, key=lambda by: (left[by], abs(by)))
     best, whole = (next((by for by in ordered if by % 1 in parts), 0.0) for parts in ((0, PART), (0,)))
     return best if AS_WELL * left.get(best, 0.0) < left.get(whole, np.inf) else whole

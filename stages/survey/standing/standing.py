@@ -22,7 +22,7 @@ from posegaussian.stages.survey.algorithms.links import few_of
 from posegaussian.stages.survey.algorithms.look import Look
 from posegaussian.stages.survey.algorithms.sample import compared_numbers, of_somebody, sample_numbers, worked_numbers
 from posegaussian.stages.survey.algorithms.silhouettes import masks_of
-from posegaussian.stages.survey.standing.by_joints import standing_by_joints
+from posegaussian.stages.survey.standing.by_joints import same_person_first, standing_by_joints
 from posegaussian.stages.survey.standing.lacking import lacking
 from posegaussian.stages.survey.standing.moved import without_moved
 from posegaussian.stages.survey.standing.out_of_step import late_by_joints, late_by_silhouettes
@@ -160,6 +160,7 @@ def _by_joints(inputs: Inputs, people: np.ndarray, numbers: np.ndarray) -> Stand
     step by what it shows at the moments of the others."""
     rig, sources = inputs.rig, list(inputs.views.sources)
     cameras = rig.subset(sources)
+    people = same_person_first(cameras, people)
 
     def around(view: int, asked: np.ndarray) -> np.ndarray:
         return _people(inputs, [sources[view]], asked)[0, :, 0]

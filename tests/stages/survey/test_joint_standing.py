@@ -12,7 +12,8 @@ import pytest
 from posegaussian.stages.imaging.small_turns import turned
 from posegaussian.stages.silhouettes.coherence import Standing
 from posegaussian.stages.survey.algorithms.agreement import FEWEST_DETECTED, _by_joints
-from posegaussian.stages.survey.standing.by_joints import standing_by_joints
+from posegaussian.stages.survey.algorithms.links import few_of
+from posegaussian.stages.survey.standing.by_joints import same_person_first, standing_by_joints
 from posegaussian.stages.survey.standing.standing import standing_in
 from posegaussian.storage.model.cameras import Rig
 from tests.support.frame_readers import Pictures
@@ -119,23 +120,30 @@ def swinging(numbers: np.ndarray) -> np.ndarray:
     return np.stack([walker(2 * int(n))[0] for n in numbers])
 
 
+LONG, SAMPLED = 28, np.arange(4, 24, 3)
+
+
 def late_of(by: float, noise: float, camera: int = 1, bumped: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Standing:
     """How six cameras stand by joints that came with the capture, of which one is so many frames late, and bumped."""
     rig, _ = written(right := ring(6, SIZE, radius=3.5), {camera: bumped})
-    count = 28
-    seen = detected(right, noise, 0, swinging(np.arange(count)))
+    seen = detected(right, noise, 0, swinging(np.arange(LONG)))
     # Of half a frame the picture shows what lies between two of a camera that films at twice the rate.
-    moments = swinging(np.arange(count) - int(np.floor(by))), swinging(np.arange(count) - int(np.ceil(by)))
+    moments = swinging(np.arange(LONG) - int(np.floor(by))), swinging(np.arange(LONG) - int(np.ceil(by)))
     seen[camera] = detected(right, noise, 1, np.mean(moments, axis=0))[camera]
+    return given(rig, seen)
+
+
+def given(rig: Rig, seen: np.ndarray) -> Standing:
+    """How cameras stand by joints [S, LONG, 17, 3] that came with the capture."""
     inputs: Any = SimpleNamespace(
         facts=frozenset({"joints2d"}),
         views=roles(rig),
         rig=rig,
         source_rig=rig,
-        captured_to_calibrated=np.tile([1.0, 0.0, 0.0], (6, 1)),
+        captured_to_calibrated=np.tile([1.0, 0.0, 0.0], (len(rig), 1)),
         source=lambda kind: Joints2D.single(seen.swapaxes(0, 1)),
     )
-    return standing_in(inputs, np.arange(4, 24, 3))
+    return standing_in(inputs, SAMPLED)
 
 
 @pytest.mark.parametrize("noise", [0.0, 2.0])
@@ -158,6 +166,33 @@ def test_who_stands_right_or_is_bumped_is_not_late_nor_whose_moment_lies_beyond_
         told = late_of(by, 2.0, bumped=bumped)
         assert not told.late
         assert told.turns.any() == any(bumped)
+
+
+@pytest.mark.parametrize("wrong", [1, 2, 3])
+def test_a_camera_whose_detector_errs_in_some_of_the_frames_is_not_late(wrong: int) -> None:
+    """Whatever other frame is asked, joints lie nearer there: a stranger in the frame itself, limbs that are lost."""
+    rig = ring(4, SIZE, radius=3.5)
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        seen = detected(rig, 2.0, seed, swinging(np.arange(LONG)))
+        for n in rng.choice(few_of(SAMPLED), wrong, replace=False):
+            seen[1, n, :, :2] += rng.normal(scale=30.0, size=(17, 2)) + rng.normal(scale=40.0, size=2)
+        assert not given(rig, seen).late
+
+
+def test_of_two_people_the_one_whom_views_agree_on_tells_how_cameras_stand() -> None:
+    """One camera has the other one as the largest, in some frames or in all: as it is written down it sees the one."""
+    rig, largest = ring(4, SIZE, radius=3.5), slice(1, 4)
+    person, other = (detected(rig, 2.0, 0, moving(FRAMES) + at) for at in (np.zeros(3), np.array([0.3, -0.7, 0.0])))
+    for frames in (slice(None), largest):
+        first, second = person.copy(), other.copy()
+        first[1, frames], second[1, frames] = other[1, frames], person[1, frames]
+        people = same_person_first(rig, np.stack([first, second], axis=2))
+        assert np.array_equal(people[:, :, 0], person)
+        assert np.array_equal(people[:, :, 1], other)
+    bumped, _ = written(rig, {2: (0.0, 60.0, 0.0)})
+    seen = np.stack([detected(rig, 2.0), np.zeros_like(other)], axis=2)
+    assert np.array_equal(same_person_first(bumped, seen), seen), "whom nobody agrees with stays who is largest"
 
 
 @pytest.mark.parametrize("views", [4, 6, 8])
@@ -259,6 +294,16 @@ def test_the_order_of_cameras_and_the_size_of_pictures_are_indifferent() -> None
     other = found(rig.subset([int(v) for v in order]), joints[order])
     np.testing.assert_allclose(other.turns, told.turns[order], atol=1e-9)
     np.testing.assert_allclose(other.apart, told.apart[order], atol=1e-6)
+
+
+@pytest.mark.parametrize("px", [14.0, 18.0])
+def test_where_joints_scatter_by_a_third_of_what_they_lie_beside_in_the_last_frames_nobody_was_moved(px: float) -> None:
+    """Somebody who is half hidden then is found beside the place, and a camera turned after them fits a little."""
+    rig = ring(4, SIZE)
+    for seed in range(8):
+        joints = detected(rig, 5.0, seed)
+        joints[2, 3:, :, :2] += np.random.default_rng(seed).normal([px, 8.0], 4.0, (17, 2))
+        assert not found(rig, joints).moved
 
 
 def test_joints_that_are_few_or_not_believed_tell_nothing() -> None:
