@@ -128,12 +128,15 @@ def test_a_surface_that_compares_no_pictures_must_lead_by_far_and_the_reason_say
 
 @pytest.mark.parametrize(("views", "asked"), [(4, False), (6, True), (8, False), (12, False), (16, False)])
 def test_sgbm_is_asked_only_where_cameras_stand_neither_near_by_nor_far_apart(views: int, asked: bool) -> None:
-    """60 degrees apart, of 90, 60, 45, 30 and 22."""
+    """All around 60 degrees apart, of 90, 60, 45, 30 and 22; along an arc 45, of 45 and 30."""
     rig = capture_person(views=views, size=16, frames=1, held_out=0).rig
     assert tried(rig, range(views)) == (BY_PICTURES if asked else NEAR)
     assert tried(rig, range(0, views, 2)) == (BY_PICTURES if views == 12 else NEAR), "of the sources alone"
     if views == 8:
-        assert tried(rig, [0, 1, 2, 3, 4, 5, 6]) == BY_PICTURES, "those at the ends have one neighbour"
+        assert tried(rig, [0, 1, 2, 3, 4, 5, 6]) == BY_PICTURES, "those at the ends have one neighbour, 45 degrees away"
+    if views == 12:
+        assert tried(rig, [0, 1, 2, 3]) == NEAR, "30 degrees away one is enough"
+        assert tried(rig, [0, 1]) == BY_PICTURES, "of two cameras neither is left out"
 
 
 def test_a_method_that_was_not_asked_is_neither_picked_nor_named(judged: tuple[Pipeline, list]) -> None:
