@@ -48,7 +48,7 @@ def tried(rig: Rig, sources: Sequence[int]) -> tuple[str, ...]:
     two fifths of the judge's time. In finished pictures of twelve people with eight or sixteen cameras 22 to 45 degrees
     apart (384 px; docs/measurements/quality.md) it is 0.03 dB worse than the sweep on the mean, from -0.18 to +0.21,
     and left-out views do not tell where it is better. Of fewer cameras they tell on eight of nine people, where it is
-    up to 0.37 dB worse and 0.49 better; on `balance` and `desk` it is better by 0.14 and 0.22. Nor is it asked where a
+    up to 0.37 dB worse and 0.49 better; on `balance` with a camera left out it is 0.5 dB worse. Nor is it asked where a
     view has no neighbour within `NARROW`: of seven people before four cameras all around it is 0.3 dB worse on the
     mean, from -0.4 to +1.5 (docs/measurements/rigs.md), and left-out views took it where it is 1.4 dB worse.
     """
