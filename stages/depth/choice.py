@@ -32,7 +32,7 @@ ahead by up to 0.5 dB."""
 CLOSE = 40.0
 """Degrees within which a single neighbour of each view is enough to compare pictures well, as along an arc, whose ends
 have no second one. With a view left out it is twice as far to the next: sgbm led by 0.4 and 0.2 dB on two of six arcs
-of four cameras over 105 degrees, where its finished pictures are 2.4 and 0.1 dB worse; on the others they are 0.8 and
+of four cameras, where its finished pictures are 2.4 and 0.1 dB worse; on the others they are 0.8 and
 0.3 dB worse, as good, and 0.2 better, where it did not lead."""
 
 
