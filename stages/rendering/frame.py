@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TypeAlias
 
@@ -35,13 +36,15 @@ from posegaussian.stages.rendering.sources import (
     COUNTS,
     REFINED,
     angles_at,
-    choose,
+    cut_off,
     faded_in,
     map_bytes,
     outlines_refined,
     outlines_trusted,
     refined_shares,
+    shown,
     unrefined_arrays,
+    weights,
 )
 from posegaussian.stages.silhouettes.hull import Silhouettes
 from posegaussian.stages.silhouettes.places import agreed
@@ -135,6 +138,8 @@ class FrameRenderer:
         self.retouches = bool(self.facts & {SILHOUETTE_CLIPPING, HOLE_FILLING, SURFACE_CLOSING, OUTLINE_EVENING})
         self.usable = self._usable()
         """[V] source views that have a picture, and by their masks, where these are looked at, the subject in it."""
+        self.parts = self._parts()
+        """Views whose picture cuts the subject off, by their masks, where these are looked at."""
         self.silhouettes = agreed(inputs.rig, reader.masks(i)) if self.retouches else None
         self.widths = self._widths() if self.facts & {SILHOUETTE_CLIPPING, OUTLINE_EVENING} and self.share > 0 else {}
         """Px over which masks rise, by view, 0 without an outline; nothing while pictures are not refined."""
@@ -153,6 +158,22 @@ class FrameRenderer:
             return pictured
         shown = np.isin(views, [v for v, mask in self.reader.masks(self.i).items() if foreground(mask).any()])
         return shown if shown.any() else pictured
+
+    def _parts(self) -> frozenset[int]:
+        if not self.retouches:
+            return frozenset()
+        return frozenset(v for v, mask in self.reader.masks(self.i).items() if cut_off(mask, self.rig.size[v]))
+
+    def _weights(self, camera: Camera) -> Mapping[int, np.ndarray | float]:
+        """{view: weight 0..1, or [N] of each of its Gaussians} of the source views that draw a picture."""
+        angles = angles_at(self.reader.subject, self.rig.centres, camera.centre)
+
+        def shown_of(view: int, views: Sequence[int]) -> np.ndarray:
+            self._prepare(view, False)
+            points = self._lifted[view, False].mean.double().cpu().numpy()
+            return shown(self.rig, points, view, views, self.parts)
+
+        return weights(angles, self.usable, self.parts, self.params.sources, shown_of)
 
     def picture(self, camera: Camera) -> tuple[torch.Tensor, torch.Tensor, int] | None:
         """Colour [h, w, 3] premultiplied on black, alpha [h, w] and how many Gaussians were not finite; None without
@@ -175,19 +196,14 @@ class FrameRenderer:
         """The picture of the Gaussians before refinement, of the nearest views, or after it, of all views and the same
         from all sides; as `picture` returns it, without retouches. Before refinement, where detail is looked up, also
         depth [h, w] metres, 0 where less than half of a pixel is covered."""
-        angles = angles_at(self.reader.subject, self.rig.centres, camera.centre)
-        chosen = (
-            [(int(v), 1.0) for v in np.flatnonzero(self.usable)]
-            if refined
-            else choose(angles, self.usable, self.params.sources)
-        )
-        views = [v for v, _ in chosen]
+        chosen = dict.fromkeys(map(int, np.flatnonzero(self.usable)), 1.0) if refined else self._weights(camera)
+        views = list(chosen)
         for view in views:
             self._prepare(view, refined)
         if refined:
             gaussians = self._from_all_sides(views)
         else:
-            gaussians = Gaussians.concatenate([self._seen(camera, view, weight, views) for view, weight in chosen])
+            gaussians = Gaussians.concatenate([self._seen(camera, v, weight, views) for v, weight in chosen.items()])
         cutoffs = mip_filter(camera, self.rig, views, self.reader.subject) if ANTI_ALIASING in self.facts else Cutoffs()
         located = SOURCE_DETAIL in self.facts and not refined
         picture = rasterize(gaussians, [camera], ("depth",) if located else (), Drawing(cutoffs))
@@ -200,9 +216,8 @@ class FrameRenderer:
 
     def _detailed(self, color: torch.Tensor, alpha: torch.Tensor, depth: torch.Tensor, camera: Camera) -> torch.Tensor:
         """The colour with the detail of the source views that are drawn, on the CPU."""
-        angles = angles_at(self.reader.subject, self.rig.centres, camera.centre)
-        chosen, masks = choose(angles, self.usable, self.params.sources), self.reader.masks(self.i)
-        for view, _ in chosen:
+        chosen, masks = self._weights(camera), self.reader.masks(self.i)
+        for view in chosen:
             if view not in self._sources:
                 self._sources[view] = SourcePicture.of(*self.reader.maps(self.i, view), masks[view])
         subject = self.reader.subject
@@ -210,9 +225,9 @@ class FrameRenderer:
         sources = [
             (
                 self._sources[v].averaged(pixel / pixel_size(self.rig.intrinsics[v], self.rig.centres[v], subject)),
-                weight,
+                float(np.max(weight)),
             )
-            for v, weight in chosen
+            for v, weight in chosen.items()
         ]
         drawn, covered, surface = (t.cpu().numpy() for t in (color, alpha, depth))
         return torch.from_numpy(detailed(drawn, covered, surface, camera, sources))
@@ -287,10 +302,15 @@ class FrameRenderer:
             self._refined = Gaussians.concatenate([self._lifted[v, True].from_all_sides() for v in views])
         return self._refined
 
-    def _seen(self, camera: Camera, view: int, weight: float, views: list[int]) -> Gaussians:
+    def _seen(self, camera: Camera, view: int, weight: np.ndarray | float, views: list[int]) -> Gaussians:
         """One view's Gaussians as the camera sees them."""
         seen = self._lifted[view, False].seen_from(camera)
-        opacity = seen.opacity * weight
+        if isinstance(weight, np.ndarray):
+            drawn = torch.from_numpy(np.flatnonzero(weight)).to(seen.mean.device)
+            seen = Gaussians(*(getattr(seen, name)[drawn] for name in Gaussians.__dataclass_fields__))
+            opacity = seen.opacity * torch.from_numpy(weight).to(seen.opacity)[drawn]
+        else:
+            opacity = seen.opacity * weight
         if self.sureness is not None:
             share = self.sureness.share(seen.mean.double().cpu().numpy(), view, views)
             opacity = opacity * torch.from_numpy(share).to(opacity)

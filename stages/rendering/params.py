@@ -22,7 +22,8 @@ class RenderingParams(Params):
     )
     sources: int = setting(
         2,
-        "Source views whose Gaussians make one picture, nearest in angle first.",
+        "Source views whose Gaussians make one picture, nearest in angle first; of what one of them cuts off by its"
+        " border, the next nearest that shows it.",
         quality_levels=[1, 2, 3, 4],
         ge=1,
         le=16,

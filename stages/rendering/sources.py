@@ -1,13 +1,21 @@
 """Which source views make a picture, and how strongly: nearest in angle first, fading out before they are replaced; and
-how much of it the refined Gaussians of all views are."""
+how much of it the refined Gaussians of all views are.
+
+A close-up, or a picture that cuts the subject off, says nothing of what lies beside it: there the next nearest views
+draw in its place, Gaussian by Gaussian."""
 
 from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from posegaussian.stages.contract.facts import Facts, fact
 from posegaussian.stages.contract.io import Inputs
+from posegaussian.stages.geometry.projection import project
 from posegaussian.stages.network.params import TWISTED, depth_array
+from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.model.masks import foreground
 
 REFINEMENT = fact("refinement")
 """Name of the refinement stage, and the fact that it is needed."""
@@ -44,6 +52,13 @@ TRUSTED = (0.55, 0.65)
 """The refined picture's share up to which outlines are mixed and as soft as drawn, and from which on they are the
 refined picture's and as sharp as the masks'. `bust`, whose cameras stand 31 to 42 degrees apart and whose masks do not
 fit each other, has 0.53, and would lose 0.6 dB by the first and 0.1 by the second."""
+BORDER = 2
+"""Px from the border of a picture within which what a mask holds is cut off by it."""
+MARGIN = 0.01
+"""Of a picture's longer side, by which a point must lie within it for others to leave it to that view: up to its border
+a surface that is a little off has a gap."""
+MOST = 8
+"""Views that are looked at for one picture, at most: where all of many cut the subject off, the nearest show enough."""
 
 
 def unrefined_arrays(facts: Facts) -> tuple[str, ...]:
@@ -103,6 +118,69 @@ def _reach(angles: np.ndarray, usable: np.ndarray, count: int) -> float:
     found = np.sort(angles[usable], kind="stable")
     left_out = float(found[count]) if len(found) > count else float(np.pi)
     return min(left_out, float(2 * found[0] + found[1])) if count > 1 and len(found) > 1 else left_out
+
+
+def cut_off(mask: np.ndarray, size: np.ndarray) -> bool:
+    """Whether a mask [h, w] uint8, of a picture of `size` [2] (width, height) px, goes on beyond its border."""
+    inside = foreground(mask[: size[1], : size[0]])
+    sides = inside[:BORDER], inside[-BORDER:], inside[:, :BORDER], inside[:, -BORDER:]
+    return any(bool(side.any()) for side in sides)
+
+
+def asked(angles: np.ndarray, usable: np.ndarray, parts: frozenset[int], count: int) -> list[int] | None:
+    """The views that may have a say in a picture somewhere, nearest first, where some of the nearest are `parts`, views
+    that cut the subject off; None where all of it is `choose`'s to say.
+
+    angles [V] rad, usable [V] bool. Of those that show all of the subject one more than the `count` that draw it has a
+    say: it tells how far these reach.
+    """
+    order = [int(v) for v in np.argsort(angles, kind="stable") if usable[v]]
+    if not parts.intersection(order[: count + 1]):
+        return None
+    whole = [n for n, v in enumerate(order) if v not in parts]
+    return order[: min(whole[count] + 1 if len(whole) > count else len(order), MOST)]
+
+
+def shown(rig: Rig, points: np.ndarray, view: int, views: Sequence[int], parts: frozenset[int]) -> np.ndarray:
+    """[N, V] bool: which of the `views` show each of a view's own points [N, 3], world metres. Those that are no
+    `parts` show all of them, and the view itself does."""
+    out = np.zeros((len(points), len(rig)), bool)
+    out[:, list(views)] = True
+    for other in parts.intersection(views) - {view}:
+        pixels, depth = project(points, rig.intrinsics[other], rig.world_to_camera[other])
+        low = MARGIN * float(rig.size[other].max())
+        out[:, other] = (depth > 0) & (pixels >= low).all(axis=1) & (pixels <= rig.size[other] - low).all(axis=1)
+    return out
+
+
+def weights(
+    angles: np.ndarray,
+    usable: np.ndarray,
+    parts: frozenset[int],
+    count: int,
+    shown_of: Callable[[int, Sequence[int]], np.ndarray],
+) -> Mapping[int, np.ndarray | float]:
+    """{view: weight 0..1, or [N] of each of its Gaussians} of the views that draw a picture, as `choose` weighs those
+    that show the place.
+
+    `shown_of` (view, views): [N, V] bool, as `shown` has it, of the view's Gaussians.
+    """
+    views = asked(angles, usable, parts, count)
+    if views is None:
+        return dict(choose(angles, usable, count))
+    known: dict[bytes, dict[int, float]] = {}
+    found: dict[int, np.ndarray | float] = {}
+    for view in views:
+        kinds, which = np.unique(np.packbits(shown_of(view, views), axis=1), axis=0, return_inverse=True)
+        own = np.zeros(len(kinds))
+        for n, kind in enumerate(kinds):
+            if (key := kind.tobytes()) not in known:
+                showing = np.unpackbits(kind, count=len(angles)).astype(bool)
+                known[key] = dict(choose(angles, usable & showing, count))
+            own[n] = known[key].get(view, 0.0)
+        if (own > 0).any():
+            found[view] = own[which.reshape(-1)]
+    return found
 
 
 def faded_in(angles: np.ndarray) -> float:
