@@ -15,10 +15,16 @@ MARGIN = 0.1
 """By how much better two people's looks must fit the other way round before they are exchanged."""
 ALIKE = 0.75
 """Affinity of looks from which on somebody who comes back may be who went."""
+ALONE = 0.5
+"""The same where nobody else is seen from before to after: of one person who turns, or holds something before the body,
+looks change by as much (the man of `desk`, a frame a second: 0.61 and more), those of two filmed men are alike by 0.42
+at most (docs/measurements/mattes.md)."""
 CLEARER = 0.03
 """By how much better than anybody else."""
 BONES = 0.15
 """Median difference of bones, over their lengths, up to which two people may be one."""
+BONES_ALONE = 0.25
+"""The same where nobody else is seen: of the man of `desk`, whose table hides his hips, they differ by 0.15."""
 MOST = 64
 """Pieces that are compared by their looks, the longest ones: comparing is quadratic."""
 
@@ -80,7 +86,8 @@ def exchanged(
 
 def rejoined(pieces: Sequence[Piece], looks: Mapping[int, np.ndarray], times: np.ndarray, gap: float) -> dict[int, int]:
     """{number: the number whom they really are} of people who went and came back: the same looks and bones, and within
-    reach in the time between. Where looks say nothing, only a gap of up to `gap` seconds is bridged.
+    reach in the time between. Where looks say nothing, only a gap of up to `gap` seconds is bridged; where nobody else
+    is seen all the while, they may be alike by no more than `ALONE`.
 
     times [F] seconds of all frames.
     """
@@ -91,6 +98,7 @@ def rejoined(pieces: Sequence[Piece], looks: Mapping[int, np.ndarray], times: np
         for after in order
         if before.frames[-1] < after.frames[0]
         and (fit := _fit(before, after, looks, float(times[after.frames[0]] - times[before.frames[-1]]), gap))
+        and ((fit >= ALIKE and _bones_off(before, after) <= BONES) or _nobody_else(before, after, order))
     ]
     root = {p.number: p.number for p in pieces}
     spans = {p.number: [p] for p in pieces}
@@ -121,19 +129,30 @@ def _fit(before: Piece, after: Piece, looks: Mapping[int, np.ndarray], passed: f
     """How well one piece goes on as another, 0..1; 0: not at all."""
     size = max(before.size, after.size, 1e-9)
     off = float(np.linalg.norm(after.start - before.end)) / size
-    if off > STILL + SPEED * passed or not _same_bones(before.bones, after.bones):
+    if off > STILL + SPEED * passed or _bones_off(before, after) > BONES_ALONE:
         return 0.0
     alike = (
         likeness(looks[before.number], looks[after.number]) if {before.number, after.number} <= looks.keys() else None
     )
     if alike is None:
         return 1.0 if passed <= gap and off <= min(STILL + SPEED * passed, FARTHEST) else 0.0
-    return alike if alike >= ALIKE else 0.0
+    return alike if alike >= ALONE else 0.0
 
 
-def _same_bones(a: np.ndarray, b: np.ndarray) -> bool:
+def _nobody_else(before: Piece, after: Piece, pieces: Sequence[Piece]) -> bool:
+    """Whether nobody who is seen in as many frames as the shorter of two pieces is there from the beginning of the
+    first to the end of the second."""
+    own, first, last = {before.number, after.number}, before.frames[0], after.frames[-1]
+    least = min(len(before.frames), len(after.frames))
+    there = [p for p in pieces if p.frames[0] <= last and p.frames[-1] >= first and len(p.frames) >= least]
+    return own.issuperset(p.number for p in there)
+
+
+def _bones_off(before: Piece, after: Piece) -> float:
+    """Median difference of bones, over their lengths; 0 where the two have none in common."""
+    a, b = before.bones, after.bones
     both = (a > 0) & (b > 0)
-    return not both.any() or float(np.median(np.abs(a - b)[both] / np.maximum(a, b)[both])) <= BONES
+    return float(np.median(np.abs(a - b)[both] / np.maximum(a, b)[both])) if both.any() else 0.0
 
 
 def _disjoint(spans: Mapping[int, list[Piece]], root: Mapping[int, int], a: int, b: int) -> bool:

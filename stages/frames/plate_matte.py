@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import cv2
 import numpy as np
 
@@ -15,12 +17,18 @@ SMALLEST_PART = 0.02
 
 
 def plate_matte(
-    picture: np.ndarray, plate: np.ndarray, spread: np.ndarray, threshold: float, least: float = 0.0
+    picture: np.ndarray,
+    plate: np.ndarray,
+    spread: np.ndarray,
+    threshold: float,
+    least: float = 0.0,
+    taken_out: Callable[[np.ndarray], np.ndarray] = np.asarray,
 ) -> np.ndarray:
     """Soft foreground [h, w] uint8 of one frame.
 
     picture, plate [h, w, 3] uint8 sRGB; spread [h, w] uint8, the plate's median absolute deviation; threshold in 1/255;
-    parts that cover less than `least` px are nobody's.
+    parts that cover less than `least` px are nobody's; `taken_out`: a foreground [h, w] uint8 0 or 1 without what is
+    somebody else's.
     A pixel is foreground when its `plate_distance` exceeds the threshold, raised by twice the spread (at most doubled),
     or half of it in contact with such pixels (Canny's hysteresis). A pixel whose background was never seen (spread 255)
     counts as half the threshold: a person nearly always stands there. What cannot be told: clothes that match the
@@ -32,6 +40,7 @@ def plate_matte(
     unseen = spread >= UNSEEN
     strong = cv2.morphologyEx((relative > 1.0).astype(np.uint8), cv2.MORPH_OPEN, _disc(1))
     mask = _connected(strong, ((relative > 0.5) | unseen).astype(np.uint8))
+    mask = taken_out(mask)
     return _soft_edge(_clean(mask, least), np.where(unseen, limit, distance))
 
 

@@ -152,7 +152,7 @@ def _fill_mask(
         return ()
     plate = _plate(inputs, warp) if matte == "plate" or SEVERAL_FRAMES in inputs.facts else None
     hints, unknown = Hints(inputs, params.hint_margin) if matte == "person" else None, 0
-    hidden: list[int] = []
+    hidden, strange = list[int](), 0
     least = 0.0 if hints is None else LEAST_BODY * _body_area(inputs, warp.view)
     for frame in present:
         picture, found = np.ascontiguousarray(color[frame, :height, :width]), None
@@ -167,10 +167,15 @@ def _fill_mask(
                 continue  # what a plate tells of is somebody else
             unknown += found is None
         if found is None and plate is not None:
-            found = plate_matte(picture, *plate, params.plate_threshold, least)
+            strangers = None if hints is None else hints.strangers(warp.view, int(frame))
+            strange += strangers is not None
+            apart = np.asarray if strangers is None else strangers.taken_out
+            found = plate_matte(picture, *plate, params.plate_threshold, least, apart)
         if found is not None:
             _place(mask[frame], np.minimum(found, warp.coverage))
     instead = "the background plate tells alone there" if plate is not None else "their masks are empty"
+    if strange:
+        instead += f", without somebody else who is followed, in {strange} of them"
     told = f"view {inputs.view}: in {unknown} of {len(present)} frames nobody saw the person, and {instead}"
     return ((told,) if unknown else ()) + hidden_told(hidden)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from posegaussian.stages.contract.facts import SEGMENTED, TRACKED
 from posegaussian.stages.contract.io import Inputs
-from posegaussian.stages.frames.bodies.other_people import Others, others_in
+from posegaussian.stages.frames.bodies.other_people import Others, Strangers, others_in, strangers_in
 from posegaussian.stages.frames.bodies.own_joints import pixels_per_metre_at
 from posegaussian.stages.frames.person_matte import FAINT, Known
 from posegaussian.stages.geometry.projection import pixel_centres, rays
@@ -105,6 +105,15 @@ class Hints:
         width, height = (-(-int(n) // cell) for n in rig.size[view])
         subject, others = (np.asarray(a[frame], dtype=np.float64) for a in (self._joints3d, self._others3d))
         return others_in(rig, view, subject, others, set_id, (width, height), cell)
+
+    def strangers(self, view: int, frame: int) -> Strangers | None:
+        """Where everybody else is in a picture of a view, in a frame in which nobody knows where the subject is."""
+        if self._others3d is None:
+            return None
+        rig, set_id = self._inputs.rig, self._inputs.joint_set
+        assert set_id is not None, "people are followed by their joints"
+        subject, others = (np.asarray(a[frame], dtype=np.float64) for a in (self._joints3d, self._others3d))
+        return strangers_in(rig, view, subject, others, set_id, (int(rig.size[view, 0]), int(rig.size[view, 1])))
 
     def of_view(self, view: int, frame: int, cell: int = 1) -> np.ndarray | None:
         """[h, w] float32 segmentation on a view's grid of `cell` px; negative where the estimator did not look, None

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from posegaussian.stages.frames.bodies.body import body_depth, pixels_per_metre
+from posegaussian.stages.frames.bodies.body import body_depth, body_shape, pixels_per_metre
 from posegaussian.stages.frames.bodies.own_joints import not_too_broad, own_joints, person_depth
 from posegaussian.stages.geometry.points import NEAR, project
 from posegaussian.storage.model.cameras import Rig
@@ -21,6 +21,8 @@ other: where two people touch, their joints on that side are put as deep as each
 WIDE = 1.25
 """Thickness of the subject's body, over that of its capsules, within which somebody behind it hides nothing of it:
 clothes, hair and hands."""
+CORE = 0.5
+"""Share of a body's thickness that is surely within it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +42,46 @@ class Others:
     def anywhere(self) -> np.ndarray:
         """[h, w] bool: where a pixel is somebody else's."""
         return self.before | self.beside | self.nearer
+
+
+@dataclass(frozen=True, eq=False)
+class Strangers:
+    """Where everybody else who is followed is in a picture, of which nothing is known of the subject."""
+
+    core: np.ndarray
+    """[h, w] bool: surely theirs."""
+    around: np.ndarray
+    """[h, w] bool: their bodies with clothes, hair and hands."""
+
+    def taken_out(self, found: np.ndarray) -> np.ndarray:
+        """A foreground [h, w] uint8 0 or 1 without the parts of it that are theirs: those that reach into somebody's
+        core, shadow and all, and those that lie around somebody for at least half. What is apart stays: it may be the
+        subject, whom the detector missed."""
+        count, labels = cv2.connectedComponents(found, connectivity=8)
+        areas, near = (np.bincount(a.ravel(), minlength=count) for a in (labels, labels[self.around]))
+        theirs = 2 * near >= areas
+        theirs[np.unique(labels[self.core])] = True
+        theirs[0] = False
+        return np.where(theirs[labels], np.uint8(0), found)
+
+
+def strangers_in(
+    rig: Rig, view: int, subject: np.ndarray, others: np.ndarray, set_id: str, size: tuple[int, int]
+) -> Strangers | None:
+    """Where `others` [N, J, 4] (x, y, z, score) world metres are in a picture of a view, of `size` (width, height) px;
+    None where the views know where the subject [J, 4] is, and where the picture shows nobody."""
+    known = others[(others[..., 3] > 0).any(axis=1)]
+    if not len(known) or (subject[:, 3] > 0).any():
+        return None
+    core, around = (np.zeros(size[::-1], bool) for _ in range(2))
+    for person in known:
+        joints = own_joints(person, set_id)
+        pixels, depth = (a[:, 0] for a in project(rig.subset([view]), joints[:, :3]))
+        seen = np.concatenate([pixels, (joints[:, 3] * (depth > NEAR))[:, None]], axis=-1)
+        scale = pixels_per_metre(seen, set_id)
+        core |= body_shape(seen, set_id, size, CORE * scale)
+        around |= body_shape(seen, set_id, size, WIDE * scale)
+    return Strangers(core, around) if around.any() else None
 
 
 def others_in(

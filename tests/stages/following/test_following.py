@@ -148,6 +148,31 @@ def test_who_leaves_and_comes_back_is_the_same_if_their_looks_say_so() -> None:
     assert len(follow(gone, looks=looks["unknown"]).places) == 3
 
 
+@pytest.mark.parametrize(("alike", "company", "same"), [(0.6, False, True), (0.6, True, False), (0.4, False, False)])
+def test_who_comes_back_changed_is_the_same_only_where_nobody_else_was_there(
+    alike: float, company: bool, same: bool
+) -> None:
+    """Of looks that are alike by so much: of somebody who turned meanwhile, say."""
+    frames, away = 36, range(10, 26)  # longer than a gap that is bridged unseen
+    people, order = filmed(crossing(frames))
+    shown = [[o if company else o[o == 1] for o in views] for views in order]
+    shown = [[o[o != 1] if f in away else o for o in views] for f, views in enumerate(shown)]
+    seen = [
+        [p[np.isin(o, kept)] for p, o, kept in zip(*x, strict=True)] for x in zip(people, order, shown, strict=True)
+    ]
+    found = follow(seen)
+    looks: dict[tuple[int, int], np.ndarray] = {}
+    for v, wanted in found.look_at().items():
+        for f, those in wanted.items():
+            for index, number, piece in those:
+                looks[number, piece] = two_looks()[shown[f][v][index]].copy()
+                if shown[f][v][index] == 1 and f >= away.stop:
+                    looks[number, piece] *= alike**2  # the affinity is a sum of roots of products
+                    looks[number, piece][:, 50] = 1 - alike**2
+    found.settle(looks, 0.5)
+    assert len(found.places) == 1 + company + (not same)
+
+
 def test_people_exchanged_while_too_close_are_put_right_by_their_looks() -> None:
     """Filmed so rarely that, where they meet, positions tell the wrong thing."""
     frames = 16

@@ -181,3 +181,22 @@ def test_where_the_subject_is_wholly_hidden_the_plate_tells_of_somebody_else() -
     assert not np.asarray(blocks_of(person, arrays, FACTS | {TRACKED}, 0)[1].data).any()
     arrays["pose/others3d"][:] = 0
     assert np.asarray(blocks_of(person, arrays, FACTS | {TRACKED}, 0)[1].data).any()
+
+
+def test_in_frames_without_the_subject_the_plate_tells_of_nobody_who_is_followed() -> None:
+    """Of a bystander before the subject comes, and after; a subject whom the detector missed stays."""
+    person, owner, arrays = two((0.0, 1.1, 0.0), 1.0)
+    plates = np.stack([wall(SIZE, v).astype(np.uint8) for v in range(VIEWS)])
+    arrays |= {"survey/plate": plates, "survey/spread": np.full((VIEWS, SIZE, SIZE), 2, np.uint8)}
+    arrays["pose/chosen"] = np.full((1, VIEWS), -1, np.int32)
+    arrays |= {k: np.zeros_like(arrays[k]) for k in ("pose/joints2d", "pose/joints3d", "detection/person")}
+    alone = replace(person, color=np.where((owner == 1)[None, ..., None], plates[None], person.color))
+    both, bystander = (masks_of(p, arrays, FACTS | {TRACKED}) > 127 for p in (person, alone))
+    apart = [v for v in range(VIEWS) if cv2.connectedComponents((owner[v] > 0).astype(np.uint8))[0] == 3]
+    assert len(apart) >= 3, "people who touch are one part of what differs from the plate"
+    shares = np.array([[both[v][owner[v] == n].mean() for n in (1, 2)] for v in apart])
+    assert shares[:, 0].min() > 0.9
+    assert shares[:, 1].max() < 0.02
+    assert not bystander.any()
+    arrays["pose/others3d"][:] = 0
+    assert (masks_of(alone, arrays, FACTS | {TRACKED}) > 127).any(axis=(1, 2)).all(), "nobody is known to be there"
