@@ -17,7 +17,15 @@ from posegaussian.stages.refinement.steps.attributes import CHANNELS, SharedGaus
 from posegaussian.stages.refinement.steps.device_lifting import BLOCK
 from posegaussian.stages.refinement.steps.device_loss import DevicePicture, device_loss
 from posegaussian.stages.refinement.steps.loss import Filmed
-from posegaussian.stages.refinement.steps.optimise import MEAN, NEEDLESS, NEWEST, SQUARE, Walk, rates_of
+from posegaussian.stages.refinement.steps.optimise import (
+    MEAN,
+    NEEDLESS,
+    NEWEST,
+    SQUARE,
+    Walk,
+    fitting_rates,
+    rates_of,
+)
 from posegaussian.stages.splatting.definition.scene import Gaussians
 from posegaussian.stages.splatting.rasterizer import rasterize
 
@@ -64,7 +72,7 @@ class DeviceWalk(Walk):
         super().__init__(gaussians, filmed, order)
         self.there = DeviceGaussians(self.gaussians, device)
         self.seen = [DevicePicture.of(p, device) for p in self.pictures]
-        rates = rates_of(len(self.pictures))
+        rates = rates_of(len(self.pictures), fitting_rates(self.pictures))
         self.rates = torch.tensor([rates[name] for name, count in CHANNELS.items() for _ in range(count)]).to(device)
         bounds = zip(*(self.gaussians.bounds[name] for name in CHANNELS), strict=True)
         self.lower, self.upper = (self._rows(side).to(device) for side in bounds)

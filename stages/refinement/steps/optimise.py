@@ -31,6 +31,12 @@ USUAL_PICTURES, FEW_PICTURES = 8, 4
 few: each picture moves the Gaussians its own way, and the more there are, the less one of them should. Sixteen pictures
 (tuning people 1 and 8, 384 px) have 33.0 and 30.6 dB after 60 steps, 32.8 and 30.3 at the rates of eight; four (3 and
 4) end with 0.11 and 0.19 dB more than at those, three (`balance` and `desk`) with 0.09 and 0.05 less."""
+USUAL_EXTENT, FINEST = 440, 4
+"""Px of the longer side of what a mask holds up to which rates stand, a person in a picture of 512 px; and up to how
+many times as large a one they grow."""
+FINER = ("depth", "shift")
+"""Attributes whose rates grow so: their units are pixels, and what is wrong by a centimetre is wrong by as many more of
+them."""
 MEAN, SQUARE = 0.9, 0.999
 """Decay of the running means of a gradient and of its square."""
 SLOWER = 100
@@ -50,10 +56,22 @@ Their mean has 0.2 to 0.5 dB more than the last step there, 0.1 with six or eigh
 times as many steps it lags in the first 60."""
 
 
-def rates_of(pictures: int, usual: Mapping[str, float] = RATES) -> dict[str, float]:
+def rates_of(pictures: int, usual: Mapping[str, float]) -> dict[str, float]:
     """{attribute: rate} where so many pictures move the Gaussians, of the rates with `USUAL_PICTURES`."""
     less = (USUAL_PICTURES / max(pictures, FEW_PICTURES)) ** 0.5
     return {name: rate * less for name, rate in usual.items()}
+
+
+def fitting_rates(pictures: Sequence[Filmed]) -> dict[str, float]:
+    """`RATES` for subjects as large as these pictures show them, by the middle one."""
+    finer = float(np.clip(np.median([_extent(p.cover) for p in pictures]) / USUAL_EXTENT, 1, FINEST))
+    return {name: rate * (finer if name in FINER else 1.0) for name, rate in RATES.items()}
+
+
+def _extent(cover: np.ndarray) -> int:
+    """Px of the longer side of the box around what a mask [h, w] holds."""
+    sides = [np.flatnonzero(cover.any(axis=axis)) for axis in (0, 1)]
+    return max(int(s[-1] - s[0]) + 1 if len(s) else 0 for s in sides)
 
 
 class Walk(ABC):
@@ -101,10 +119,11 @@ class HostWalk(Walk):
         gaussians: Mapping[int, ViewGaussians],
         filmed: Mapping[int, Filmed],
         order: Sequence[int],
-        rates: Mapping[str, float] = RATES,
+        rates: Mapping[str, float] | None = None,
     ) -> None:
+        """`rates` with `USUAL_PICTURES`; None: those that fit the pictures."""
         super().__init__(gaussians, filmed, order)
-        self.adam = _Adam(self.gaussians, rates_of(len(self.pictures), rates))
+        self.adam = _Adam(self.gaussians, rates_of(len(self.pictures), rates or fitting_rates(self.pictures)))
         self.average: Offsets = {name: a.copy() for name, a in self.gaussians.offsets.items()}
 
     @property

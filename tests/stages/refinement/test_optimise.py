@@ -15,6 +15,7 @@ from posegaussian.stages.refinement.steps.optimise import (
     USUAL_PICTURES,
     HostWalk,
     _Adam,
+    fitting_rates,
     rates_of,
 )
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
@@ -56,10 +57,23 @@ def test_looking_at_the_mean_moves_nothing(walk: HostWalk) -> None:
 def test_the_first_move_is_the_rate_of_so_many_pictures_whatever_the_slope(pictures: int, slope: float) -> None:
     offsets = {name: np.zeros((1, 3), np.float32) for name in RATES}
     free = SimpleNamespace(offsets=offsets, confine=lambda: None)
-    _Adam(free, rates_of(pictures)).step({name: np.full((1, 3), slope, np.float32) for name in RATES}, slower=1.0)  # type: ignore[arg-type]
+    _Adam(free, rates_of(pictures, RATES)).step(
+        {name: np.full((1, 3), slope, np.float32) for name in RATES}, slower=1.0
+    )  # type: ignore[arg-type]
     less = np.sqrt(USUAL_PICTURES / max(pictures, FEW_PICTURES))
     for name, rate in RATES.items():
         np.testing.assert_allclose(offsets[name], -rate * less, rtol=1e-4)
+
+
+@pytest.mark.parametrize(("tall", "finer"), [(0, 1), (100, 1), (440, 1), (880, 2), (1760, 4), (2400, 4)])
+def test_rates_in_pixels_grow_with_how_large_the_pictures_show_the_subject(tall: int, finer: int) -> None:
+    """The middle picture's, along its longer side; in metres a step is as long as in a picture half as large."""
+    covers = [np.zeros((2500, 20), np.float32) for _ in range(3)]
+    covers[0][50 : 50 + tall, 3:9] = 0.5
+    covers[1] = covers[0].T
+    covers[2][:2000] = 1
+    rates = fitting_rates([SimpleNamespace(cover=c) for c in covers])  # type: ignore[misc]
+    assert rates == pytest.approx({n: r * (finer if n in ("depth", "shift") else 1) for n, r in RATES.items()})
 
 
 def test_other_offsets_leave_the_gaussians_they_come_from_alone(walk: HostWalk) -> None:
