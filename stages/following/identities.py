@@ -17,8 +17,8 @@ ALIKE = 0.75
 """Affinity of looks from which on somebody who comes back may be who went."""
 ALONE = 0.5
 """The same where nobody else is seen from before to after: of one person who turns, or holds something before the body,
-looks change by as much (the man of `desk`, a frame a second: 0.61 and more), those of two filmed men are alike by 0.42
-at most (docs/measurements/mattes.md)."""
+looks change by as much (the man of `desk`, a frame a second: 0.61 and more), those of two filmed people are alike by
+0.42 at most (docs/measurements/mattes.md)."""
 CLEARER = 0.03
 """By how much better than anybody else."""
 BONES = 0.15
@@ -87,7 +87,7 @@ def exchanged(
 def rejoined(pieces: Sequence[Piece], looks: Mapping[int, np.ndarray], times: np.ndarray, gap: float) -> dict[int, int]:
     """{number: the number whom they really are} of people who went and came back: the same looks and bones, and within
     reach in the time between. Where looks say nothing, only a gap of up to `gap` seconds is bridged; where nobody else
-    is seen all the while, they may be alike by no more than `ALONE`.
+    is seen all the while, looks alike by `ALONE` and bones within `BONES_ALONE` suffice.
 
     times [F] seconds of all frames.
     """

@@ -180,27 +180,30 @@ class FrameRenderer:
         any source view."""
         if not self.usable.any():
             return None
-        color, alpha, depth, masked = self._drawn(camera, False)
+        chosen = self._weights(camera)
+        color, alpha, depth, masked = self._drawn(camera, chosen)
         alone = trust = 0.0
         if self.share > 0:
-            *refined, _, more = self._drawn(camera, True)
+            *refined, _, more = self._drawn(camera, None)
             angles = angles_at(self.reader.subject, self.rig.centres, camera.centre)[self.usable]
             alone, trust = outlines_refined(angles, self.share), outlines_trusted(angles, self.share)
             color, alpha = mixed((color, alpha), (refined[0], refined[1]), self.share, faded_in(angles), alone)
             masked += more
         if depth is not None:
-            color = self._detailed(color, alpha, depth, camera)
+            color = self._detailed(color, alpha, depth, camera, chosen)
         return *self._retouched(color, alpha, depth, camera, alone, trust), masked
 
-    def _drawn(self, camera: Camera, refined: bool) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None, int]:
-        """The picture of the Gaussians before refinement, of the nearest views, or after it, of all views and the same
-        from all sides; as `picture` returns it, without retouches. Before refinement, where detail is looked up, also
-        depth [h, w] metres, 0 where less than half of a pixel is covered."""
-        chosen = dict.fromkeys(map(int, np.flatnonzero(self.usable)), 1.0) if refined else self._weights(camera)
-        views = list(chosen)
+    def _drawn(
+        self, camera: Camera, chosen: Mapping[int, np.ndarray | float] | None
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None, int]:
+        """The picture of the Gaussians before refinement, of the `chosen` views by `_weights`, or after it, None, of
+        all views and the same from all sides; as `picture` returns it, without retouches. Before refinement, where
+        detail is looked up, also depth [h, w] metres, 0 where less than half of a pixel is covered."""
+        refined = chosen is None
+        views = [int(v) for v in np.flatnonzero(self.usable)] if chosen is None else list(chosen)
         for view in views:
             self._prepare(view, refined)
-        if refined:
+        if chosen is None:
             gaussians = self._from_all_sides(views)
         else:
             gaussians = Gaussians.concatenate([self._seen(camera, v, weight, views) for v, weight in chosen.items()])
@@ -214,9 +217,16 @@ class FrameRenderer:
             depth = torch.where(alpha > 0.5, picture.depth[0] / alpha.clamp(min=0.5), 0)
         return color, alpha, depth, masked
 
-    def _detailed(self, color: torch.Tensor, alpha: torch.Tensor, depth: torch.Tensor, camera: Camera) -> torch.Tensor:
-        """The colour with the detail of the source views that are drawn, on the CPU."""
-        chosen, masks = self._weights(camera), self.reader.masks(self.i)
+    def _detailed(
+        self,
+        color: torch.Tensor,
+        alpha: torch.Tensor,
+        depth: torch.Tensor,
+        camera: Camera,
+        chosen: Mapping[int, np.ndarray | float],
+    ) -> torch.Tensor:
+        """The colour with the detail of the `chosen` source views, which are drawn, on the CPU."""
+        masks = self.reader.masks(self.i)
         for view in chosen:
             if view not in self._sources:
                 self._sources[view] = SourcePicture.of(*self.reader.maps(self.i, view), masks[view])

@@ -20,7 +20,7 @@ from posegaussian.storage.readers.video import LONG_GAP, VideoFile
 _RATE_TOLERANCE = 0.01
 _JITTER = 0.05
 """The same of short videos, whose times say their rate no better: in 12 frames whose times tremble by 0.8 ms it is off
-by up to 1 %. 24 and 25 are told apart in seven frames."""
+by up to 1 %. 24 and 25 frames a second are told apart in eight frames."""
 _TOGETHER = 0.25
 """Frames by which two such videos may part until the shorter one ends."""
 SAME_RATE = 5e-4
