@@ -122,24 +122,24 @@ def closure(module: str, root: Path = ROOT, folders: tuple[str, ...] = FOLDERS) 
     A module is known by what it and the modules it imports hold, not by their names: one that only moved has the same
     digest.
     """
-    files: dict[str, Path | None] = {}
+    known: dict[str, Syntax | None] = {}
 
-    def counted(name: str) -> Path | None:
-        if name not in files:
+    def syntax(name: str) -> Syntax | None:
+        if name not in known:
             inside = any(name.startswith(f"{PACKAGE}.{folder}.") for folder in folders)
-            files[name] = module_file(name, root) if inside and name not in APART else None
-        return files[name]
+            file = module_file(name, root) if inside and name not in APART else None
+            known[name] = None if file is None else parsed(file)
+        return known[name]
 
     seen: set[str] = set()
     todo = [module]
     while todo:
         name = todo.pop()
-        file = counted(name)
-        if name in seen or file is None:
+        if name in seen or (of_name := syntax(name)) is None:
             continue
         seen.add(name)
-        own, imports = parsed(file)
-        edges = {i: parsed(f)[0] for i in imports if (f := counted(i)) is not None}
+        own, imports = of_name
+        edges = {i: of_import[0] for i in imports if (of_import := syntax(i)) is not None}
         yield name, hashlib.blake2b("\n".join([own, *edges.values()]).encode(), digest_size=16).hexdigest()
         todo += edges
 
