@@ -8,6 +8,7 @@ widened to what was filmed).
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -23,6 +24,9 @@ LEAST_GROWTH = 0.01
 part of anybody. `balance`, whose sides would move by a two-hundredth, loses 0.2 dB by it."""
 IDENTITY = np.array([1.0, 0.0, 0.0])
 """Scale and offset between captured and calibrated pixels that are the same."""
+STANDS = 1e-14
+"""Length of the step, on the plane z = 1, by which a point stands where Newton's method leaves it: rounding moves it by
+as much, and a pixel is 1e-4 or more."""
 BORDER = 65
 """Points along a side of a captured picture at which the lens is undone; it bends them into smooth curves."""
 
@@ -49,7 +53,8 @@ def undistorted(rig: Rig, source_rig: Rig, captured: np.ndarray, crops: np.ndarr
     k, size = rig.intrinsics.copy(), rig.size.copy()
     for v in np.flatnonzero(source_rig.distortion.any(axis=1)):
         scale, low = rig.size[v] / source_rig.size[v], crops[v, 1:]
-        grown = _grown(source_rig, int(v), low, low + crops[v, 0] * captured[v], 1 / scale)
+        lens, filmed = (source_rig.intrinsics[v], source_rig.distortion[v]), (low, low + crops[v, 0] * captured[v])
+        grown = np.array(_grown(*map(_row, (*lens, source_rig.size[v], *filmed, 1 / scale))))
         if (grown >= LEAST_GROWTH * source_rig.size[v]).any():
             whole = source_rig.size[v] + grown.sum(axis=0)
             size[v] = np.rint(whole * scale)
@@ -59,10 +64,25 @@ def undistorted(rig: Rig, source_rig: Rig, captured: np.ndarray, crops: np.ndarr
     return replace(rig, intrinsics=k, size=size) if (size != rig.size).any() else rig
 
 
-def _grown(source_rig: Rig, view: int, low: np.ndarray, high: np.ndarray, least: np.ndarray) -> np.ndarray:
-    """[2, 2] int px by which the left and the upper, the right and the lower side of a view's calibrated picture move
-    out, if its part from low [2] to high [2] px was filmed; by less than `least` [2] none does."""
-    (k, size), distortion = (source_rig.intrinsics[view], source_rig.size[view]), source_rig.distortion[view]
+def _row(values: np.ndarray) -> tuple[float, ...]:
+    return tuple(values.ravel().tolist())
+
+
+@lru_cache(maxsize=4096)  # planning asks again for every task
+def _grown(
+    intrinsics: tuple[float, ...],
+    lens: tuple[float, ...],
+    size: tuple[float, ...],
+    low: tuple[float, ...],
+    high: tuple[float, ...],
+    least: tuple[float, ...],
+) -> tuple[tuple[int, int], tuple[int, int]]:
+    """How far (the left and the upper), (the right and the lower) side of a calibrated picture of `size` px move
+    out, in px, if its part from low [2] to high [2] px was filmed; by less than `least` [2] none does.
+
+    Intrinsics [9] row by row, distortion [8].
+    """
+    k, distortion = np.reshape(intrinsics, (3, 3)), np.array(lens)
     along, grown = np.linspace(low, high, BORDER), np.zeros((2, 2), np.int64)
     for end, (at, innermost) in enumerate(((low, np.max), (high, np.min))):
         for axis in range(2):
@@ -74,8 +94,10 @@ def _grown(source_rig: Rig, view: int, low: np.ndarray, high: np.ndarray, least:
                 grown[end, axis] = np.floor(min(out, (WIDEST - 1) / 2 * size[axis])) if out >= least[axis] else 0
     (x0, y0), (x1, y1) = -grown[0], size + grown[1]
     corners = _apply(np.linalg.inv(k), np.array([[x0, y0], [x1, y0], [x0, y1], [x1, y1]]))
-    folds = np.linalg.norm(corners, axis=1).max() > reach(distortion)
-    return np.zeros_like(grown) if folds else grown
+    if np.linalg.norm(corners, axis=1).max() > reach(distortion):  # the model folds back in a corner
+        return (0, 0), (0, 0)
+    left, upper, right, lower = grown.ravel().tolist()
+    return (left, upper), (right, lower)
 
 
 def left_out(source_rig: Rig, view: int) -> float:
@@ -144,28 +166,32 @@ def _radial(r2: np.ndarray, d: np.ndarray) -> np.ndarray:
 def undistort(distorted: np.ndarray, distortion: np.ndarray, iterations: int = 30) -> np.ndarray:
     """Inverse of `distort`, [..., 2], by Newton's method with a numerical Jacobian; NaN where it does not converge.
 
-    Points outside the model's one-to-one range (`reach`) have no inverse.
+    Points outside the model's one-to-one range (`reach`) have no inverse. Points that stand are not asked again: a few
+    iterations do for nearly all.
     """
-    target = np.asarray(distorted, dtype=np.float64)
-    x, h = target.copy(), 1e-6
-    right, down = np.array([h, 0.0]), np.array([0.0, h])
+    target = np.asarray(distorted, dtype=np.float64).reshape(-1, 2)
+    x, moving = target.copy(), np.arange(len(target))
     for _ in range(iterations):
-        error = distort(x, distortion) - target
-        dx = (distort(x + right, distortion) - distort(x - right, distortion)) / (2 * h)
-        dy = (distort(x + down, distortion) - distort(x - down, distortion)) / (2 * h)
-        determinant = dx[..., 0] * dy[..., 1] - dy[..., 0] * dx[..., 1]
-        safe = np.where(np.abs(determinant) < 1e-9, 1.0, determinant)
-        step = np.stack(
-            [
-                dy[..., 1] * error[..., 0] - dy[..., 0] * error[..., 1],
-                dx[..., 0] * error[..., 1] - dx[..., 1] * error[..., 0],
-            ],
-            axis=-1,
-        )
-        x = x - step / safe[..., None]
+        step = _newton_step(x[moving], target[moving], distortion)
+        x[moving] -= step
+        moving = moving[~(np.abs(step).max(axis=-1) <= STANDS)]
+        if not moving.size:
+            break
     wrong = ~(np.linalg.norm(distort(x, distortion) - target, axis=-1) < 1e-9)
     wrong |= np.linalg.norm(x, axis=-1) > reach(distortion)
-    return np.where(wrong[..., None], np.nan, x)
+    x[wrong] = np.nan
+    return x.reshape(np.shape(distorted))
+
+
+def _newton_step(x: np.ndarray, target: np.ndarray, distortion: np.ndarray, h: float = 1e-6) -> np.ndarray:
+    """[N, 2] by which ideal points x [N, 2] are off those that the lens puts at target [N, 2], to first order; slopes
+    are differences over h either way."""
+    ways = h * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    here, right, left, down, up = distort(x + ways[:, None], distortion)
+    (ex, ey), dx, dy = (here - target).T, ((right - left) / (2 * h)).T, ((down - up) / (2 * h)).T
+    determinant = dx[0] * dy[1] - dy[0] * dx[1]
+    safe = np.where(np.abs(determinant) < 1e-9, 1.0, determinant)
+    return np.stack([dy[1] * ex - dy[0] * ey, dx[0] * ey - dx[1] * ex], axis=-1) / safe[:, None]
 
 
 def reach(distortion: np.ndarray, limit: float = 10.0) -> float:
