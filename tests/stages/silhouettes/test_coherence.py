@@ -9,8 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
+from posegaussian.stages.geometry.projection import rays
 from posegaussian.stages.imaging.small_turns import APART, SIDE, turned
-from posegaussian.stages.silhouettes.coherence import FEWEST, INCOHERENT, Outlined, Standing, standing
+from posegaussian.stages.silhouettes.coherence import FAR, FEWEST, INCOHERENT, STEP, Outlined, Standing, standing
+from posegaussian.stages.silhouettes.march import beside, in_sphere, nearest_to, watched
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
 from posegaussian.storage.model.cameras import Rig
 
@@ -48,6 +50,29 @@ def test_exact_cameras_stand_as_they_are_written_down(person: PersonCapture) -> 
     assert not told.turns.any()
     assert not told.wrong
     assert not told.apart.any()
+
+
+def best_place(outlined: Outlined, origin: np.ndarray, d: np.ndarray, view: int) -> float:
+    """Px, as `excess` tells them, with every point of one ray looked at in every view."""
+    s = outlined.silhouettes
+    others, sides = s.asked(origin, view)
+    start, along = s.projections[:, :, :3] @ origin + s.projections[:, :, 3], s.projections[:, :, :3] @ d
+    first, last = in_sphere(origin - s.centre, d, s.radius)
+    first, last = watched(start, along, s.sizes, others, sides, nearest_to(origin - s.centre, d), 0, first, last)
+    best = FAR * PIXEL
+    for z in np.arange(first, last, STEP * s.pixel / np.linalg.norm(d)):
+        px = [beside(z, v, start, along, s.distance, s.sizes)[0] for v in others]
+        best = min(best, max(0.0, *px)) if np.isfinite(px).sum() >= 2 else best
+    return best
+
+
+@pytest.mark.parametrize("px", [(0.0, 4.0, 0.0), (3.0, -15.0, 0.0), (0.0, 0.0, 8.0)])
+def test_points_that_are_strided_over_are_no_better(person: PersonCapture, px: tuple[float, float, float]) -> None:
+    rig, _ = written(person, {2: px})
+    outlined = Outlined.of(rig, masks_of(person))
+    origin, directions = rays(outlined.rims[2], rig.intrinsics[2], rig.world_to_camera[2])
+    every = [best_place(outlined, origin, d, 2) for d in directions[::3]]
+    np.testing.assert_allclose(outlined.excess(rig, 2)[::3], every, atol=1e-9)
 
 
 @pytest.mark.parametrize(
