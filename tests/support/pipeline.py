@@ -50,6 +50,9 @@ FORCED = {
 HEATMAPS = ("keep={pose/heatmaps: always, smoothing/heatmaps: always}",)
 """Heatmaps are made."""
 
+COMPILED = {"codec_pipeline.path": "zarrs.ZarrsCodecPipeline"}
+"""Reads arrays of many small chunks in a tenth of the time that zarr itself takes."""
+
 
 def film(
     folder: Path,
@@ -176,7 +179,8 @@ def content(pipeline: Pipeline, but: tuple[str, ...] = ()) -> dict[str, bytes | 
         name = meta.parent.relative_to(root).as_posix()
         if json.loads(meta.read_bytes()).get("node_type") != "array" or name.startswith(but or ("\0",)):
             continue
-        values = np.asarray(zarr.open_array(meta.parent, mode="r")[...])
+        with zarr.config.set(COMPILED):
+            values = np.asarray(zarr.open_array(meta.parent, mode="r")[...])
         found[name] = f"{values.dtype}{values.shape}".encode() + values.tobytes()
     import pyarrow.parquet as pq
 
