@@ -20,17 +20,14 @@ from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.stages.geometry.projection import rays
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.imaging.small_turns import APART, SIDE, turned
-from posegaussian.stages.silhouettes.distance import TRUE
 from posegaussian.stages.silhouettes.hull import Silhouettes, searched_radius
 from posegaussian.stages.silhouettes.march import (
     MOST_POINTS,
-    WITNESSES,
-    beside,
+    farthest_outside,
     in_sphere,
     into_views,
     motion,
     nearest_to,
-    stride,
     watched,
 )
 from posegaussian.storage.model.cameras import Rig, points_from_integer_centres, to_integer_centres
@@ -401,36 +398,7 @@ def _excess(
         step = pixel / np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
         points, i = min((last - first) / step, MOST_POINTS), 0.0
         while i <= points and out[n] > 0:
-            worst, on = _farthest_outside(first + i * step, start, along, moves, distance, sizes, scales, order, out[n])
+            worst, on = farthest_outside(first + i * step, start, along, moves, distance, sizes, scales, order, out[n])
             out[n] = min(out[n], worst)
             i += max(1.0, np.floor(on / step))
     return out
-
-
-@compiled(error_model="numpy", forceinline=True)
-def _farthest_outside(
-    z: float,
-    start: np.ndarray,
-    along: np.ndarray,
-    moves: np.ndarray,
-    distance: np.ndarray,
-    sizes: np.ndarray,
-    scales: np.ndarray,
-    order: np.ndarray,
-    most: float,
-) -> tuple[float, float]:
-    """Px by which a ray's point at depth z lies outside the silhouette it is farthest from, `most` where that is more
-    or too few see it; and how much deeper the ray surely goes on as far outside as that, if it is.
-
-    The view that says so goes to the front of the `order` in which they are asked: it will say so of the next point.
-    """
-    seen, worst = 0, 0.0
-    for n in range(len(order)):
-        v = order[n]
-        px, edge, w = beside(z, v, start, along, distance, sizes)
-        seen += px > -np.inf
-        worst = max(worst, px * scales[v])
-        if worst >= most:
-            order[n], order[0] = order[0], v
-            return most, stride(min(TRUE * (px - most / scales[v]), edge), 1.0, w, v, along, moves)
-    return (worst if seen >= min(WITNESSES, len(order)) else most), 0.0

@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 from posegaussian.stages.compiling.compiled import compiled
+from posegaussian.stages.silhouettes.distance import TRUE
 
 WITNESSES = 2
 """Other views that must see a point of the hull, where there are as many."""
@@ -91,6 +92,35 @@ def _outside(
             if against > overruled:
                 return max(free, 1e-9)
     return 0.0 if seen - against >= min(WITNESSES, len(order)) else 1e-9
+
+
+@compiled(error_model="numpy", forceinline=True)
+def farthest_outside(
+    z: float,
+    start: np.ndarray,
+    along: np.ndarray,
+    moves: np.ndarray,
+    distance: np.ndarray,
+    sizes: np.ndarray,
+    scales: np.ndarray,
+    order: np.ndarray,
+    most: float,
+) -> tuple[float, float]:
+    """Px by which a ray's point at depth z lies outside the silhouette it is farthest from, `most` where that is more
+    or too few see it; and how much deeper the ray surely goes on as far outside as that, if it is.
+
+    The view that says so goes to the front of the `order` in which they are asked: it will say so of the next point.
+    """
+    seen, worst = 0, 0.0
+    for n in range(len(order)):
+        v = order[n]
+        px, edge, w = beside(z, v, start, along, distance, sizes)
+        seen += px > -np.inf
+        worst = max(worst, px * scales[v])
+        if worst >= most:
+            order[n], order[0] = order[0], v
+            return most, stride(min(TRUE * (px - most / scales[v]), edge), 1.0, w, v, along, moves)
+    return (worst if seen >= min(WITNESSES, len(order)) else most), 0.0
 
 
 @compiled(error_model="numpy", forceinline=True)
