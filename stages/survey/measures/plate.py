@@ -34,7 +34,10 @@ def _check(block: Block) -> list[str]:
 
     if block.array != "survey/spread":
         return []
-    known = block.data[(block.data > 0) & (block.data < UNKNOWN)]
+    # A smaller view's padding, zeros to the right and below, is no part of its picture; pixels that never change are.
+    rows, columns = np.nonzero(block.data)
+    shown = block.data[: rows.max(initial=-1) + 1, : columns.max(initial=-1) + 1]
+    known = shown[shown < UNKNOWN]
     typical = float(np.median(known)) if len(known) else 0.0
     if typical <= UNSTEADY:
         return []

@@ -115,3 +115,9 @@ def test_check_says_when_a_plate_cannot_be_trusted() -> None:
     assert check(Block("survey/sample", np.array([3, -1, -1]), 0), params) == [], "a still has no second frame"
     assert "not static" in check(Block("survey/spread", np.full((8, 8), 30, np.uint8), 1), params)[0]
     assert check(Block("survey/spread", np.full((8, 8), 2, np.uint8), 1), params) == []
+    clean = np.zeros((12, 16), np.uint8)  # no noise: whoever walks, or a screen behind them, alone changes
+    clean[2:9, 3:7] = clean[10, 14] = 40
+    assert check(Block("survey/spread", clean, 1), params) == [], "most of the picture never changes"
+    smaller = np.pad(np.full((6, 7), 30, np.uint8), ((0, 6), (0, 9)))
+    assert "not static" in check(Block("survey/spread", smaller, 1), params)[0], "padding is no part of the picture"
+    assert check(Block("survey/spread", np.zeros((8, 8), np.uint8), 1), params) == []
