@@ -15,6 +15,8 @@ from posegaussian.storage.model.cameras import Rig
 TrustSetting = Literal["auto", "all"] | list[str]
 KINDS = ("features", "outlines", "joints")
 """What two cameras are compared by, in the order in which it is noted."""
+JOINTS_AGREE = 0.006
+"""Share of the longer side of the picture up to which joints of two cameras agree."""
 
 
 class Told(IntEnum):

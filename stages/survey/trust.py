@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from posegaussian.stages.contract.trust import KINDS, Belief, Told, Trust
+from posegaussian.stages.contract.trust import JOINTS_AGREE, KINDS, Belief, Told, Trust
 from posegaussian.stages.imaging.small_turns import APART, SIDE, turned
 from posegaussian.stages.survey.measures.agreement import NAME
 from posegaussian.stages.survey.measures.contrast import CONTRAST
@@ -24,7 +24,7 @@ BOUNDS = {"features": 0.003, "outlines": 0.003, "joints": 0.016}
 other. Of seven photographs of a head, calibrated by structure from motion, features miss by 0.0004 to 0.001, outlines
 by 0.0001 to 0.0022, and by 0.005 to 0.013 those of three that hang on them wrongly; a pixel of these is taken off.
 Joints as a detector finds them scatter by 0.004 and are elsewhere on a body seen from elsewhere."""
-SURE = {"features": 0.003, "outlines": 0.003, "joints": 0.006}
+SURE = {"features": 0.003, "outlines": 0.003, "joints": JOINTS_AGREE}
 """Share up to which two cameras agree; in between a kind says nothing."""
 FEWEST_TOLD = {"features": 8, "outlines": 1, "joints": 1}
 """Points, sides or frames below which a kind says nothing."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from posegaussian.stages.contract.facts import ESTIMATED, JOINTS2D
 from posegaussian.stages.contract.io import Block, Inputs
-from posegaussian.stages.contract.trust import KINDS
+from posegaussian.stages.contract.trust import JOINTS_AGREE, KINDS
 from posegaussian.stages.geometry.epipolar import fundamental, signed_epipolar_distance
 from posegaussian.stages.imaging.camera_mapping import unreduced_size
 from posegaussian.stages.survey.algorithms.joints import SCORE, people_of
@@ -24,9 +24,10 @@ WITHIN = 1.0
 FEWEST_JOINTS = 6
 """Joints that two cameras must both see of a person."""
 FEWEST_DETECTED = 3
-"""Frames in which a detector must find them: who hardly sees anybody sees them wrongly. Of a walker seen from behind it
-found 7 joints in one frame of five, all of them elsewhere, and a camera that is right was left out by these; so it was
-by one of two frames."""
+"""Frames in which a detector must find them to speak against a camera: who hardly sees anybody sees them wrongly. Of a
+walker seen from behind it found 7 joints in one frame of five, all of them elsewhere, and a camera that is right was
+left out by these; so it was by one of two frames. What is found wrongly hardly ever lies on the other's lines: for a
+camera a single frame speaks, so that masks alone, with a piece of floor or without a foot, leave nobody out."""
 
 
 class AgreementLook(Look):
@@ -98,7 +99,7 @@ def _by_joints(
     rig: Rig, pair: tuple[int, int], people: Mapping[int, Mapping[int, np.ndarray]], fewest: int
 ) -> tuple[float, int]:
     """Px by which joints of two cameras miss their lines, of the two people who fit best, and in how many frames;
-    nothing where these are fewer than `fewest`."""
+    nothing where these are fewer than `fewest` and do not agree."""
     if not people:
         return 0.0, 0
     matrix, (first, second) = fundamental(rig, *pair), (people[v] for v in pair)
@@ -106,7 +107,11 @@ def _by_joints(
     for n in sorted(first.keys() & second.keys()):
         off = [d for a in first[n] for b in second[n] if (d := _apart(matrix, a, b)) is not None]
         found += [min(off)] if off else []
-    return (float(np.median(found)), len(found)) if len(found) >= fewest else (0.0, 0)
+    if not found:
+        return 0.0, 0
+    median = float(np.median(found))
+    agree = median <= JOINTS_AGREE * float(rig.size[list(pair)].max())
+    return (median, len(found)) if agree or len(found) >= fewest else (0.0, 0)
 
 
 def _apart(matrix: np.ndarray, first: np.ndarray, second: np.ndarray) -> float | None:

@@ -3,18 +3,24 @@ mends turns nobody."""
 
 from __future__ import annotations
 
+from itertools import combinations
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from posegaussian.stages.contract.trust import KINDS
 from posegaussian.stages.imaging.small_turns import turned
 from posegaussian.stages.silhouettes.coherence import Standing
 from posegaussian.stages.survey.algorithms.agreement import FEWEST_DETECTED, _by_joints
 from posegaussian.stages.survey.algorithms.links import few_of
+from posegaussian.stages.survey.measures.agreement import NAME
+from posegaussian.stages.survey.measures.contrast import CONTRAST
+from posegaussian.stages.survey.measures.standing import STANDING
 from posegaussian.stages.survey.standing.by_joints import same_person_first, standing_by_joints
 from posegaussian.stages.survey.standing.standing import standing_in
+from posegaussian.stages.survey.trust import believed
 from posegaussian.storage.model.cameras import Rig
 from tests.support.frame_readers import Pictures
 from tests.support.walking_skeleton import SKELETON, Joints2D, moving, pixels, ring, roles
@@ -270,6 +276,23 @@ def test_joints_that_a_detector_found_in_one_of_two_frames_accuse_nobody() -> No
         assert _by_joints(rig, (0, 1), people, 1)[1] == found_in
     people = {v: {n: seen[v, n][None] for n in range(3)} for v in (0, 1)}
     assert _by_joints(rig, (0, 1), people, FEWEST_DETECTED)[1] == 3
+
+
+def test_joints_that_a_detector_found_in_one_frame_speak_for_a_camera_whose_mask_alone_accuses_it() -> None:
+    """A piece of floor in its mask contradicts all others; of one that is tilted by 1 % of the picture joints say no
+    more than its outlines do."""
+    right, off = ring(6, SIZE), 0.007
+    for rig, left_out in ((right, set()), (written(right, {2: (0.01 * SIZE, 0.0, 0.0)})[0], {2})):
+        seen = detected(right)
+        people = {v: {0: seen[v, 0][None]} for v in range(6)}
+        pairs = np.zeros((6, 6, 3, 2))
+        for a, b in combinations(range(6), 2):
+            pairs[a, b, KINDS.index("outlines")] = off * (2 in (a, b)), 2
+            px, count = _by_joints(rig, (a, b), people, FEWEST_DETECTED)
+            pairs[a, b, KINDS.index("joints")] = px / SIZE, count
+        noted = {NAME: pairs, STANDING: np.zeros((6, 7)), CONTRAST: np.full(6, 100.0)}
+        told = believed(tuple("abcdef"), noted)
+        assert {v for v in range(6) if not told[v].believed} == left_out
 
 
 @pytest.mark.parametrize("estimated", [False, True])
