@@ -30,6 +30,7 @@ from posegaussian.stages.silhouettes.march import (
     nearest_to,
     watched,
 )
+from posegaussian.stages.silhouettes.tangents import Outline, outline, turns_of_all
 from posegaussian.storage.model.cameras import Rig, points_from_integer_centres, to_integer_centres
 from posegaussian.storage.model.masks import foreground
 
@@ -74,6 +75,8 @@ class Outlined:
     """By view, [n, 2] px, our pixel centres."""
     counts: Mapping[int, int]
     """By view, how many rays its mean is of; those that are not among them are coherent."""
+    outlines: Mapping[int, Outline]
+    """By view, its corners, and which are free."""
 
     @classmethod
     def of(cls, rig: Rig, masks: Mapping[int, np.ndarray]) -> Outlined:
@@ -81,9 +84,11 @@ class Outlined:
         seen = [v for v in sorted(masks) if foreground(masks[v]).any()]
         centre = look_at_point(rig.subset(seen)) if seen else np.zeros(3)
         radius = searched_radius(rig, seen, centre) if seen else 0.0
-        rims = {v: _rim(masks[v][: rig.size[v, 1], : rig.size[v, 0]]) for v in seen}
+        shown = {v: masks[v][: rig.size[v, 1], : rig.size[v, 0]] for v in seen}
+        rims = {v: _rim(mask) for v, mask in shown.items()}
         silhouettes = Silhouettes.of(rig, {v: masks[v] for v in seen}, centre, radius)
-        return cls(silhouettes, rims, {v: len(rim) for v, rim in rims.items()})
+        counts, ends = {v: len(r) for v, r in rims.items()}, {v: outline(m) for v, m in shown.items()}
+        return cls(silhouettes, rims, counts, ends)
 
     def excess(self, rig: Rig, view: int) -> np.ndarray:
         """[n] px of the rig's largest pictures by which the best place of each ray of a view lies outside the
@@ -219,6 +224,10 @@ def _told(
     tried = {s: _turned_back(rig, frames, views, s) for s in suspected}
     best = clear({s: left for s, (_, left) in tried.items()}, before)
     if best is not None and tried[best][1] <= rest[best] + CURED * before:
+        # Many a bit off look like few far off.
+        every = _left(rig, frames, views, turns_of_all(rig, views, [f.outlines for f in frames]))
+        if every <= tried[best][1] + ROOM * float(rig.size.max()) / SIDE:
+            return None
         turns = _amid(rig, frames, views, best, tried[best][0])
         return Standing(turns, frozenset(), False, _apart(rig, frames, views, best))
     best = clear({s: rest[s] for s in suspected}, before)

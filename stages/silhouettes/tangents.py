@@ -8,12 +8,17 @@ that a picture cuts off nothing is known on that side.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+
 import cv2
 import numpy as np
 
+from posegaussian.stages.imaging.small_turns import KINDS, SCATTER, Links, fitted_turns
 from posegaussian.storage.model.cameras import Rig, points_from_integer_centres
 from posegaussian.storage.model.masks import foreground
 
+Outline = tuple[np.ndarray, np.ndarray]
 SPECK = 0.02
 """Area of a part of a mask, over that of its largest part, below which it is dirt."""
 MARGIN = 3
@@ -72,8 +77,39 @@ def touching(
     return first[0][[i for i, _ in known]].reshape(-1, 2), second[0][[j for _, j in known]].reshape(-1, 2)
 
 
+def turns_of_all(rig: Rig, views: Sequence[int], frames: Sequence[Mapping[int, Outline]]) -> np.ndarray:
+    """[V, 3] rad, of `views` alone: the turns that the outermost points of their outlines ask for, and no larger.
+
+    `frames`: by view, corners of its outline in px of `rig`, and which are free, as `outline` gives them.
+    """
+    turns, cameras = np.zeros((len(rig), 3)), rig.subset(views)
+    ends = [
+        (pair, *touching(cameras, pair, of_view[views[pair[0]]], of_view[views[pair[1]]]))
+        for of_view in frames
+        for pair in combinations(range(len(views)), 2)
+    ]
+    pairs = np.array([pair for pair, first, _ in ends for _ in first], int).reshape(-1, 2)
+    first, second = (np.concatenate([np.zeros((0, 2)), *(e[side] for e in ends)]) for side in (1, 2))
+    kind = np.full(len(pairs), KINDS.index("outlines"))
+    links = Links(
+        pairs,
+        _homogeneous(cameras, pairs[:, 0], first),
+        _homogeneous(cameras, pairs[:, 1], second),
+        np.full(len(pairs), SCATTER[0]),
+        kind,
+    )
+    turns[list(views)] = fitted_turns(cameras, links)
+    return turns
+
+
 def _directions(rig: Rig, view: int, pixels: np.ndarray) -> np.ndarray:
     """[n, 3] unit directions in the world of pixels [n, 2]."""
     rays = np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1) @ np.linalg.inv(rig.intrinsics[view]).T
     rays = rays @ rig.rotations[view]
     return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+
+
+def _homogeneous(rig: Rig, views: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """[n, 3] (x, y, 1) of pixels [n, 2] of a view each, in its axes."""
+    ends = np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1)
+    return np.asarray(np.einsum("nij,nj->ni", np.linalg.inv(rig.intrinsics)[views], ends))

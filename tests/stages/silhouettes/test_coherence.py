@@ -75,6 +75,18 @@ def test_points_that_are_strided_over_are_no_better(person: PersonCapture, px: t
     np.testing.assert_allclose(outlined.excess(rig, 2)[::3], every, atol=1e-9)
 
 
+def test_nobody_is_turned_where_all_cameras_are_off_by_a_px() -> None:
+    """Two of six, turned, would explain it; so do small turns of all, which calibration_correction finds."""
+    person = capture_person(views=6, size=SIZE, frames=1)
+    px = np.random.default_rng(5).normal(0, 1.2 * PIXEL, (6, 3))
+    rig, _ = written(person, {v: tuple(px[v]) for v in range(6)})
+    assert not found(rig, masks_of(person, 6)).turns.any()
+    bumped, back = written(person, {2: (0.0, 6.0 * PIXEL, 0.0)})
+    told = found(bumped, masks_of(person, 6))
+    assert list(np.flatnonzero(told.turns.any(axis=1))) == [2]
+    assert np.abs((told.turns - back)[:, :2] * bumped.intrinsics[:, 0, 0][:, None]).max() < PIXEL
+
+
 @pytest.mark.parametrize(
     "px",
     [
