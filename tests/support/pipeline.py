@@ -51,7 +51,7 @@ HEATMAPS = ("keep={pose/heatmaps: always, smoothing/heatmaps: always}",)
 """Heatmaps are made."""
 
 COMPILED = {"codec_pipeline.path": "zarrs.ZarrsCodecPipeline"}
-"""Reads arrays of many small chunks in a tenth of the time that zarr itself takes."""
+"""Reads arrays of many small chunks in a seventh of the time that zarr itself takes."""
 
 
 def film(
