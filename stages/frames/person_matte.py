@@ -1,8 +1,7 @@
 """Foreground of one person: what is known beforehand, refined to the pixel by colours, the background plate and edges.
 
 Log odds are added up: of the estimator's segmentation or, without one, of the joints; of the colours nearby and of the
-plate; then what other views rule out is taken away. A guided filter lets the sum follow the picture's edges (the
-labels' costs are filtered and the cheapest is taken: Hosni et al., "Fast cost-volume filtering", 2011).
+plate; then what other views rule out is taken away.
 """
 
 from __future__ import annotations
@@ -14,7 +13,15 @@ import numpy as np
 
 from posegaussian.stages.frames.bodies.body import body_shape, limb_bones, pixels_per_metre
 from posegaussian.stages.frames.bodies.other_people import Others
-from posegaussian.stages.frames.color_likelihood import Plate, color_odds
+from posegaussian.stages.frames.color_likelihood import Plate
+from posegaussian.stages.frames.edge_matte import (
+    along_edges,
+    compared_beyond,
+    distance_to,
+    logit,
+    soft_edge,
+    without_specks,
+)
 from posegaussian.stages.frames.ground_shadow import shadow_density
 from posegaussian.stages.frames.plate_matte import UNSEEN
 from posegaussian.stages.geometry.subject import STATURE
@@ -35,13 +42,6 @@ BONE = 0.4
 """Share of a limb's thickness that is surely within it."""
 MISSED_LENGTH = 0.1
 """Metres of a bone that a segmentation must miss to be mistrusted: joints err by less."""
-ROUNDS = 2
-WINDOW = 0.12
-"""Side of the windows in which colours are compared, metres at the subject."""
-EDGE = 0.009
-"""Radius of the filter along the picture's edges, metres at the subject."""
-FLATNESS = 100.0
-"""(1/255)² of variance below which the guided filter sees no edge."""
 HULL = 2.0
 """Log odds, without a segmentation, against what joints say where the other views do not confirm it."""
 HANDS = ("Wrist", "Pinky", "Index", "Thumb", "Hand")
@@ -57,10 +57,6 @@ STANDING = 0.25
 foot."""
 FAINT = 0.15
 """Segmentation from which on the subject may be there."""
-SMALLEST_PART, SMALLEST_HOLE = 0.005, 0.0005
-"""Shares of the foreground below which a part of it, or a hole in it, is noise."""
-SOFT_RADIUS, SOFT_GAIN = 2, 1.5
-"""Px about which an edge is soft, and by how much it is steeper than the guided filter leaves it."""
 METRE_OF_SIDE = 0.4
 """Pixels of a metre over those of a region's side: a region around a person who stands is about 2.5 m wide."""
 
@@ -103,9 +99,8 @@ def person_matte(
     prior = _prior(known, hands, scale, margin * scale / METRE_OF_SIDE) if scale > 0 else None
     if prior is None or not (prior > 0).any():
         return None
-    box = part_around(prior > RULED_OUT / 2, round(0.5 * WINDOW * scale) + 2)
+    box = part_around(prior > RULED_OUT / 2, compared_beyond(scale))
     prior, shown = np.ascontiguousarray(prior[box]), np.ascontiguousarray(picture[box])
-    side, radius = max(5, round(WINDOW * scale)) | 1, max(1, round(EDGE * scale))
     against = None
     if plate is not None:
         ground, spread = (np.ascontiguousarray(a[box]) for a in plate)
@@ -113,17 +108,13 @@ def person_matte(
         grounded = _about(known, FEET, size, STANDING * scale)[box] & (known.hint is not None)
         shadow = shadow_density(shown, ground, spread, grounded, prior)
         against = Plate(shown, ground, spread, threshold, prior <= RULED_OUT / 2, shadow)
-    smooth = cv2.GaussianBlur(shown, (0, 0), 0.7).astype(np.float32)
-    odds = prior
-    for _ in range(ROUNDS):
-        inside = 1 / (1 + np.exp(-odds))
-        odds = cv2.ximgproc.guidedFilter(shown, prior + color_odds(smooth, inside, side, against), radius, FLATNESS)
+    odds = along_edges(shown, prior, scale, against)
     out = np.zeros(picture.shape[:2], np.uint8)
-    mask = _clean(odds > 0, prior > 0)
+    mask = without_specks(odds > 0, prior > 0)
     if known.hint is not None and plate is not None:
         mask &= ~_ghosts(mask, hands[box] & (prior <= MAY_HOLD), shown, ground)
         mask |= _holes_in_things(mask, hands[box] & (prior <= 0))
-    out[box] = _soft_edge(shown, mask)
+    out[box] = soft_edge(shown, mask)
     return out
 
 
@@ -160,19 +151,19 @@ def _prior(known: Known, hands: np.ndarray, scale: float, reach: float) -> np.nd
             missed = (
                 limb_bones(known.joints, known.joint_set, size, BONE * scale)
                 & (known.confirmed > 0.5)
-                & (_distance(known.hint > 0.5) > reach)
+                & (distance_to(known.hint > 0.5) > reach)
             )
             missed = _long(missed & ~others, MISSED_LENGTH * scale)
             if missed.any():
                 limb = np.minimum(-_signed(body) / (SKIN * scale), GIVEN_BACK)
-                prior = np.where(_distance(missed) < 2 * reach, np.maximum(prior, limb), prior)
+                prior = np.where(distance_to(missed) < 2 * reach, np.maximum(prior, limb), prior)
     elif body.any():
         prior = -_signed(body) / (SKIN * scale)
         if known.confirmed is not None:
             prior += HULL * (known.confirmed - 1)
         prior = np.clip(prior, RULED_OUT, FAR_INSIDE)
     elif known.confirmed is not None and not _outside(known, size):
-        prior = _logit(known.confirmed)
+        prior = logit(known.confirmed, HINT_FLOOR)
     else:
         return None
     if known.possible is not None:
@@ -202,28 +193,14 @@ def _about(known: Known, joints: tuple[str, ...], size: tuple[int, int], reach: 
 
 def _of_hint(hint: np.ndarray, reach: float) -> np.ndarray:
     """[h, w] log odds: the segmentation's own around its edge, firm farther from it than it may be off."""
-    beyond = np.clip(_distance(hint > FAINT) / reach - 0.5, 0, 1)
-    within = np.clip(_distance(hint <= 0.5) / reach - 0.5, 0, 1)
-    return np.where(hint < 0, RULED_OUT, _logit(hint) + RULED_OUT * beyond + FAR_INSIDE * within)
-
-
-def _logit(share: np.ndarray) -> np.ndarray:
-    p = np.clip(share, HINT_FLOOR, 1 - HINT_FLOOR)
-    return np.log(p / (1 - p))
-
-
-def _distance(shape: np.ndarray) -> np.ndarray:
-    """[h, w] float32 px to the nearest pixel of a shape [h, w] bool, 0 inside; very far where it is empty."""
-    return (
-        cv2.distanceTransform((~shape).astype(np.uint8), cv2.DIST_L2, 5)
-        if shape.any()
-        else np.full(shape.shape, 1e6, np.float32)
-    )
+    beyond = np.clip(distance_to(hint > FAINT) / reach - 0.5, 0, 1)
+    within = np.clip(distance_to(hint <= 0.5) / reach - 0.5, 0, 1)
+    return np.where(hint < 0, RULED_OUT, logit(hint, HINT_FLOOR) + RULED_OUT * beyond + FAR_INSIDE * within)
 
 
 def _signed(shape: np.ndarray) -> np.ndarray:
     """[h, w] float32 px outside a shape's edge, negative inside."""
-    return np.where(shape, 0.5 - _distance(~shape), _distance(shape) - 0.5)
+    return np.where(shape, 0.5 - distance_to(~shape), distance_to(shape) - 0.5)
 
 
 def _long(shape: np.ndarray, length: float) -> np.ndarray:
@@ -232,20 +209,6 @@ def _long(shape: np.ndarray, length: float) -> np.ndarray:
     kept = np.hypot(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT]) >= length
     kept[0] = False
     return kept[labels]
-
-
-def _clean(found: np.ndarray, foretold: np.ndarray) -> np.ndarray:
-    """[h, w] bool: without parts that nothing foretold, specks, and specks that are missing."""
-    mask = found.astype(np.uint8)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
-    kept = stats[:, cv2.CC_STAT_AREA] >= SMALLEST_PART * mask.sum()
-    kept &= np.bincount(labels[foretold], minlength=len(kept)) > 0
-    kept[0] = False
-    mask = kept[labels]
-    _, labels, stats, _ = cv2.connectedComponentsWithStats((~mask).astype(np.uint8), connectivity=4)
-    filled = stats[:, cv2.CC_STAT_AREA] < SMALLEST_HOLE * mask.sum()
-    filled[0] = False
-    return mask | filled[labels]
 
 
 def _ghosts(mask: np.ndarray, told: np.ndarray, picture: np.ndarray, plate: np.ndarray) -> np.ndarray:
@@ -285,9 +248,3 @@ def _holes_in_things(mask: np.ndarray, thing: np.ndarray) -> np.ndarray:
     filled[np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))] = False
     filled[0] = False
     return np.asarray(filled[labels])
-
-
-def _soft_edge(picture: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Coverage [h, w] uint8 of a mask [h, w] bool: along its edge, what share of a pixel's colour is the subject's."""
-    share = cv2.ximgproc.guidedFilter(picture, mask.astype(np.float32), SOFT_RADIUS, FLATNESS)
-    return np.rint(255 * np.clip(SOFT_GAIN * (share - 0.5) + 0.5, 0, 1)).astype(np.uint8)

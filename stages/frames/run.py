@@ -19,10 +19,12 @@ from posegaussian.stages.frames.facts import (
     LIGHT_STEADYING,
     NOISE_AVERAGING,
     OUTLINE_CORRECTION,
+    OUTLINE_REDRAWING,
     TONE_MAPPING,
 )
 from posegaussian.stages.frames.gaps import gaps_in, opened
 from posegaussian.stages.frames.mask_doubts import MUCH, around_told, doubts, goes_around, hidden_told
+from posegaussian.stages.frames.outline_redrawing import redrawn
 from posegaussian.stages.frames.params import FramesParams, resolve_matte
 from posegaussian.stages.frames.person_matte import person_matte
 from posegaussian.stages.frames.plate_matte import UNSEEN, plate_matte
@@ -49,10 +51,11 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
     h and w are the largest of all views; a smaller view lies at the top left, its padding is black with mask 0 and
     depth 0, and so is a frame that the view has no picture of. Linear float pictures are encoded to sRGB, and clipped
     at 1 while `tone_mapping` is off. While `outline_correction` is on, the outlines of a source view's given masks are
-    moved to the pictures' edges; while `gap_opening` is on, they lose what shows the backdrop. While `noise_averaging`
-    is on, a source view's pictures are averaged with those around them where these show the same. While
-    `exposure_matching` is on, a source view's light is multiplied by its gain, after the mask was found. Raises
-    SourceError for pictures or masks whose size contradicts the calibration or each other.
+    moved to the pictures' edges; while `gap_opening` is on, they lose what shows the backdrop; while
+    `outline_redrawing` is on, they follow the pictures' edges. While `noise_averaging` is on, a source view's pictures
+    are averaged with those around them where these show the same. While `exposure_matching` is on, a source view's
+    light is multiplied by its gain, after the mask was found. Raises SourceError for pictures or masks whose size
+    contradicts the calibration or each other.
     """
     view = inputs.view
     assert view is not None, "the frames stage runs over views"
@@ -65,7 +68,8 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
     steady = _steadily(inputs, warp)
     color, maps_tones = _empty(inputs, (3,), np.uint8), TONE_MAPPING in inputs.facts
     # the plate is clipped at white, too
-    if not maps_tones or GAP_OPENING in inputs.facts or resolve_matte(params, inputs.facts) in ("plate", "person"):
+    looked_at = {GAP_OPENING, OUTLINE_REDRAWING} & inputs.facts
+    if not maps_tones or looked_at or resolve_matte(params, inputs.facts) in ("plate", "person"):
         if NOISE_AVERAGING in inputs.facts and view in inputs.views.sources:
             _fill_averaged(inputs, warp, color, steady)
         else:
@@ -138,15 +142,7 @@ def _fill_mask(
     """Fill mask [F, h, w] of one view; sentences about what was missing."""
     (width, height), matte = warp.size, resolve_matte(params, inputs.facts)
     if matte == "given":
-        inwards, reader, around = _offset(inputs), inputs.source("masks"), list[int]()
-        opens = {GAP_OPENING, JOINTS2D} <= inputs.facts and warp.view in inputs.views.sources
-        for frame, number, given in zip(present, numbers, reader.read(warp.view, numbers), strict=True):
-            _same_size(warp, "mask", given)
-            around += [number] if goes_around(given) else []
-            _place(mask[frame], warp(moved(given, inwards)))
-            if opens:
-                _open(inputs, color[frame, :height, :width], mask[frame, :height, :width], int(frame))
-        return around_told(around, reader.turned(warp.view, numbers), len(present))
+        return _fill_given(inputs, warp, present, numbers, color, mask)
     if matte == "none":
         mask[present, :height, :width] = warp.coverage
         return ()
@@ -178,6 +174,27 @@ def _fill_mask(
         instead += f", without somebody else who is followed, in {strange} of them"
     told = f"view {inputs.view}: in {unknown} of {len(present)} frames nobody saw the person, and {instead}"
     return ((told,) if unknown else ()) + hidden_told(hidden)
+
+
+def _fill_given(
+    inputs: Inputs, warp: Warp, present: np.ndarray, numbers: list[int], color: np.ndarray, mask: np.ndarray
+) -> tuple[str, ...]:
+    """Fill mask [F, h, w] of one view with those that came with the capture; sentences about them."""
+    (width, height), view = warp.size, warp.view
+    inwards, reader, around = _offset(inputs), inputs.source("masks"), list[int]()
+    is_source = view in inputs.views.sources
+    opens = {GAP_OPENING, JOINTS2D} <= inputs.facts and is_source
+    redraws = OUTLINE_REDRAWING in inputs.facts and is_source
+    for frame, number, given in zip(present, numbers, reader.read(view, numbers), strict=True):
+        _same_size(warp, "mask", given)
+        around += [number] if goes_around(given) else []
+        _place(mask[frame], warp(moved(given, inwards)))
+        shown, held = color[frame, :height, :width], mask[frame, :height, :width]
+        if opens:
+            _open(inputs, shown, held, int(frame))
+        if redraws:
+            held[:] = np.minimum(redrawn(np.ascontiguousarray(shown), np.ascontiguousarray(held)), warp.coverage)
+    return around_told(around, reader.turned(view, numbers), len(present))
 
 
 def _open(inputs: Inputs, picture: np.ndarray, mask: np.ndarray, frame: int) -> None:

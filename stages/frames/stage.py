@@ -27,6 +27,7 @@ from posegaussian.stages.frames.effects import (
     LIGHT_STEADYING,
     NOISE_AVERAGING,
     OUTLINE_CORRECTION,
+    OUTLINE_REDRAWING,
     TONE_MAPPING,
 )
 from posegaussian.stages.frames.exposures import SURFACE, compared
@@ -48,7 +49,7 @@ from posegaussian.storage.model.spec import ArraySpec, Shape
 def needs(shape: Shape, params: FramesParams) -> Resources:
     """One view's partition of pictures, masks and depth, where each pixel lies in the captured picture, and one of
     these while it is warped, pictures around it while it is averaged; the colours of one picture where a person is cut
-    out or gaps of a mask are looked for, and for a person all views' segmentations."""
+    out, gaps of a mask are looked for or its outlines redrawn, and for a person all views' segmentations."""
     pictures, captured = (
         shape["frame"] * shape["y"] * shape["x"] * 16 + shape["y"] * shape["x"] * (20 + 6 * AVERAGED_WITH + 60),
         shape["source_y"] * shape["source_x"] * 60,
@@ -154,7 +155,7 @@ def notes(evidence: Evidence) -> list[str]:
 STAGE = Stage(
     name="frames",
     summary="Decode, crop, undistort and scale the pictures, and find the foreground.",
-    version=5,
+    version=6,
     run="posegaussian.stages.frames.run:run",
     check="posegaussian.stages.frames.run:check",
     reads=(
@@ -224,6 +225,7 @@ STAGE = Stage(
         LIGHT_STEADYING,
         NOISE_AVERAGING,
         EXPOSURE_MATCHING,
+        OUTLINE_REDRAWING,
         OUTLINE_CORRECTION,
         GAP_OPENING,
         TONE_MAPPING,

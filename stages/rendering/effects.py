@@ -12,6 +12,7 @@ from posegaussian.stages.contract.facts import JOINTS2D, MASKS, SEGMENTED
 from posegaussian.stages.contract.judged import MATTES, POSE, cannot_judge, drawn_at, mean_scores
 from posegaussian.stages.depth.facts import LIMB_BOUNDS
 from posegaussian.stages.frames.effects import worked_noise
+from posegaussian.stages.frames.facts import OUTLINE_REDRAWING
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.rendering import facts
 from posegaussian.stages.rendering.params import GAUSSIANS
@@ -69,6 +70,9 @@ def _evening(evidence: Evidence, bound: float) -> Decision | None:
         return Decision(
             False, None, bound, "the masks are estimated: how smooth and soft an outline is they do not show"
         )
+    if AGREEMENT in evidence.noted and OUTLINE_REDRAWING in evidence.facts:
+        told = "the masks' outlines are redrawn (outline_redrawing): as smooth and as sharp as the pictures' edges"
+        return Decision(True, None, bound, told)
     return _trusted(evidence, bound)
 
 

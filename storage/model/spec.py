@@ -30,6 +30,7 @@ FIXED_DIMS = {
     "motion": 3,
     "outline": 3,
     "gap": 2,
+    "slope": 2,
     "light": 2,
     "octave": 4,
     "fit": 3,

@@ -342,6 +342,8 @@ def test_off_is_bit_identical_to_absent(tmp_path: Path, monkeypatch: pytest.Monk
         ("exposure_matching", "posegaussian.stages.survey.algorithms.surface.SurfaceLook"),
         ("outline_correction", "posegaussian.stages.survey.algorithms.outlines.change_at_outline"),
         ("gap_opening", "posegaussian.stages.frames.gaps.gaps_in"),
+        ("outline_redrawing", "posegaussian.stages.frames.run.redrawn"),
+        ("outline_redrawing", "posegaussian.stages.frames.outline_redrawing.slopes"),
         ("pose_heatmaps", "posegaussian.stages.pose.run.draw"),
         ("temporal_smoothing", "posegaussian.stages.smoothing.run.blend"),
         ("left_right_check", "posegaussian.stages.depth.algorithms.rows.disagreement"),
@@ -374,6 +376,7 @@ def test_off_means_not_computed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
                 "silhouette_clipping",
                 "hole_filling",
                 "gap_opening",
+                "outline_redrawing",
                 "outline_evening",
             )
             if e != effect

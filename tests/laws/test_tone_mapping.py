@@ -20,6 +20,7 @@ SETTINGS = [
     "effects.temporal_smoothing=on",
     "effects.outline_correction=off",
     "effects.gap_opening=off",
+    "effects.outline_redrawing=off",
     "effects.limb_bounds=off",
     "effects.silhouette_clipping=on",
     "effects.hole_filling=on",

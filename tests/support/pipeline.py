@@ -39,6 +39,7 @@ FORCED = {
     "exposure_matching": "off",
     "outline_correction": "off",
     "gap_opening": "off",
+    "outline_redrawing": "off",
     "limb_bounds": "off",
     "pose_blending": "off",
     "source_detail": "on",

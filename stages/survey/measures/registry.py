@@ -13,6 +13,7 @@ from posegaussian.stages.survey.measures.motion import MEASURE as MOTION
 from posegaussian.stages.survey.measures.noise import MEASURE as NOISE
 from posegaussian.stages.survey.measures.outlines import MEASURE as OUTLINES
 from posegaussian.stages.survey.measures.plate import MEASURE as PLATE
+from posegaussian.stages.survey.measures.slopes import MEASURE as SLOPES
 from posegaussian.stages.survey.measures.standing import MEASURE as STANDING
 from posegaussian.stages.survey.measures.surface import MEASURE as SURFACE
 from posegaussian.stages.survey.measures.unrest import MEASURE as UNREST
@@ -24,6 +25,7 @@ MEASURES: tuple[Measure, ...] = (
     PLATE,
     SURFACE,
     OUTLINES,
+    SLOPES,
     GAPS,
     LIGHT,
     NOISE,

@@ -81,6 +81,7 @@ def test_a_run_decides_after_the_survey_and_goes_on(fresh: Pipeline) -> None:
     assert [s.split(" (auto): ")[0] for s in told.sentences] == [
         "calibration_correction off",
         "noise_averaging off",
+        "outline_redrawing off",
         "outline_correction off",
         "gap_opening off",
         "temporal_smoothing off",
@@ -211,6 +212,7 @@ def test_a_forced_effect_asks_nothing_of_the_survey(fresh: Pipeline) -> None:
         "effects.exposure_matching=off",
         "effects.outline_correction=off",
         "effects.gap_opening=off",
+        "effects.outline_redrawing=off",
         "effects.limb_bounds=on",
         "effects.pose_blending=off",
         "effects.source_detail=on",
@@ -225,6 +227,7 @@ def test_a_forced_effect_asks_nothing_of_the_survey(fresh: Pipeline) -> None:
         "effects.exposure_matching=off",
         "effects.outline_correction=off",
         "effects.gap_opening=off",
+        "effects.outline_redrawing=off",
         "effects.limb_bounds=on",
         "effects.pose_blending=off",
         "effects.source_detail=off",

@@ -198,6 +198,7 @@ def test_what_a_capture_lacks_has_no_tasks(tmp_path: Path) -> None:
             "exposure_matching",
             "outline_correction",
             "gap_opening",
+            "outline_redrawing",
             "limb_bounds",
             "silhouette_clipping",
             "hole_filling",
