@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from tests.support.pipeline import Pipeline, film
 
@@ -16,6 +17,9 @@ def pytest_configure() -> None:
     from posegaussian.dags.runtime import threads
 
     threads.limit(1)
+    # The same examples every time, and none is wrong for being slow: machines are shared.
+    settings.register_profile("suite", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+    settings.load_profile("suite")
     os.fsync = without_waiting
     # What this machine has fetched changes no test; those of BlazePose itself run where POSEGAUSSIAN_TEST_MODELS names
     # a folder of models.

@@ -11,7 +11,7 @@ from tests.hard_cases.extreme import scene
 from tests.hard_cases.laws import drawn, pictures, to
 
 
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=300)
 @given(st.integers(0, 2**32 - 1), st.integers(0, 40))
 def test_every_number_of_an_extreme_scene_is_finite(seed: int, count: int) -> None:
     out, _ = drawn(*scene(seed, count))
@@ -32,7 +32,7 @@ def test_extreme_scenes_look_like_those_of_the_reference(start: int) -> None:
     assert odd <= 8
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([2, 3]))
 def test_threads_change_no_bit_of_an_extreme_scene(seed: int, threads: int) -> None:
     one, gradients = drawn(*scene(seed))
@@ -41,7 +41,7 @@ def test_threads_change_no_bit_of_an_extreme_scene(seed: int, threads: int) -> N
     assert all(torch.equal(gradients[n], others[n]) for n in gradients)
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60)
 @given(st.floats(1e-9, 0.5), st.floats(0.5, 0.9999), st.floats(0.0, 0.5))
 def test_any_cut_offs_are_valid(alpha_min: float, alpha_max: float, stop: float) -> None:
     g, cam, cut = scene(7, 30)

@@ -103,7 +103,7 @@ def test_a_capture_that_has_no_choice_of_depth_is_left_its_own(tmp_path: Path) -
         assert "depth.method" not in values
 
 
-@settings(derandomize=True, deadline=None, max_examples=20)
+@settings(max_examples=20)
 @drawn(
     st.lists(st.floats(0.01, 9), min_size=len(POINTS), max_size=len(POINTS)).map(sorted),
     st.lists(st.floats(0.1, 12), min_size=2, max_size=2).map(sorted),
@@ -132,7 +132,7 @@ def number_of(values: dict[str, Any]) -> int:
     return next(n for n, p in enumerate(POINTS) if p.values(48) == values)
 
 
-@settings(derandomize=True, deadline=None, max_examples=20)
+@settings(max_examples=20)
 @drawn(st.floats(0.5, 40), st.floats(0, 30), st.floats(0.2, 5))
 def test_few_settings_are_tried_where_they_take_what_they_took_elsewhere(
     filmed: Pipeline, budget: float, once: float, slower: float
@@ -245,7 +245,7 @@ def test_a_preset_runs_as_its_settings_would(filmed: Pipeline, tmp_path: Path) -
     assert "all fresh, nothing to do" in again.output
 
 
-@settings(derandomize=True, deadline=None, max_examples=60)
+@settings(max_examples=60)
 @drawn(
     st.lists(st.floats(1, 90), min_size=len(POINTS), max_size=len(POINTS)).map(sorted),
     st.lists(st.floats(0.1, 60), min_size=len(POINTS), max_size=len(POINTS)),

@@ -50,7 +50,7 @@ def test_what_is_no_quality_is_a_sentence(text: str) -> None:
         Decibels.of(text)
 
 
-@settings(derandomize=True, deadline=None, max_examples=20)
+@settings(max_examples=20)
 @drawn(
     st.lists(st.floats(5, 40), min_size=len(POINTS), max_size=len(POINTS)),
     st.lists(st.floats(5, 40), min_size=2, max_size=2).map(sorted),

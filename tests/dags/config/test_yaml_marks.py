@@ -33,7 +33,7 @@ values = st.recursive(
 )
 
 
-@settings(derandomize=True, deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(st.dictionaries(keys, values, max_size=4), st.sampled_from([True, False, None]))
 def test_values_are_those_of_a_plain_yaml_reader(
     tmp_path_factory: pytest.TempPathFactory, value: dict, flow: bool | None

@@ -34,7 +34,7 @@ def _rig(distortion: np.ndarray = LENS, size: tuple[int, int] = (1088, 1920)) ->
     )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     st.integers(16, 3000),
     st.floats(0.5, 2.0),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
@@ -12,13 +12,10 @@ from posegaussian.stages.refinement.steps.loss import Filmed
 from posegaussian.stages.splatting.definition.scene import Camera, Gaussians
 
 PICTURES = arrays.arrays(np.float32, (3, 2, 4, 3), elements=st.floats(0, 1, width=32))
-DRAWN = settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
-"""The same examples every time, however busy the machine."""
 ROUNDING = 1e-12
 """Sums of 24 squares of at most 4 in float64."""
 
 
-@DRAWN
 @given(PICTURES)
 def test_no_other_share_is_better(pictures: np.ndarray) -> None:
     share = best_share(*pictures)
@@ -27,7 +24,6 @@ def test_no_other_share_is_better(pictures: np.ndarray) -> None:
         assert error_of(share, *pictures) <= error_of(other, *pictures) + ROUNDING
 
 
-@DRAWN
 @given(PICTURES, st.floats(0.0, 1.0))
 def test_what_was_mixed_is_found_again(pictures: np.ndarray, share: float) -> None:
     refined, unrefined = pictures[0].astype(np.float64) + 1, pictures[1].astype(np.float64)  # apart at every pixel
@@ -44,7 +40,6 @@ def test_no_share_where_refinement_leads_away_or_nowhere() -> None:
     assert best_share(np.full((2, 2, 3), 0.375, np.float32), unrefined, truth) == 1, "as far as it leads"
 
 
-@DRAWN
 @given(PICTURES)
 def test_what_is_settled_on_keeps_half_of_the_judges_gain(pictures: np.ndarray) -> None:
     """Three quarters where the best share is no bound, and more than half where the pictures end before it."""

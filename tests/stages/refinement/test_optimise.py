@@ -52,7 +52,7 @@ def test_looking_at_the_mean_moves_nothing(walk: HostWalk) -> None:
         np.testing.assert_array_equal(walk.gaussians.offsets[name], a)
 
 
-@settings(derandomize=True, deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.integers(1, 64), st.floats(1e-3, 1e3))
 def test_the_first_move_is_the_rate_of_so_many_pictures_whatever_the_slope(pictures: int, slope: float) -> None:
     offsets = {name: np.zeros((1, 3), np.float32) for name in RATES}

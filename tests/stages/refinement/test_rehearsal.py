@@ -7,7 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from posegaussian.stages.refinement import rehearsal
@@ -29,7 +29,6 @@ def rehearsed(errors: Sequence[float], worth: float = 0.0) -> Rehearsal:
         return rehearse({}, {}, PLAN, len(errors) * JUDGED_EVERY, worth, judge)
 
 
-@settings(derandomize=True, deadline=None)
 @given(st.lists(st.floats(0.1, 1.5), min_size=1, max_size=20))
 def test_what_is_kept_is_as_good_as_the_best_that_was_judged_and_better_than_none(errors: list[float]) -> None:
     found = rehearsed(errors)
@@ -43,7 +42,6 @@ def test_what_is_kept_is_as_good_as_the_best_that_was_judged_and_better_than_non
         assert min(errors[:PATIENCE]) >= BEFORE
 
 
-@settings(derandomize=True, deadline=None)
 @given(st.lists(st.floats(1.0, ALIKE), min_size=2, max_size=20))
 def test_chance_ends_nothing_where_any_gain_is_worth_it(noise: list[float]) -> None:
     """Errors that differ by less than judgements do anyway: all steps are made, whichever was least."""

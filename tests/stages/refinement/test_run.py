@@ -6,7 +6,7 @@ import types
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from posegaussian.stages.contract import reading
@@ -243,7 +243,6 @@ def test_steps_end_where_more_are_not_worth_it(person: PersonCapture, spoilt: di
         np.testing.assert_array_equal(refine(person, spoilt, 80, frames=1, worth=1.0)[name], short[name])
 
 
-@settings(derandomize=True, deadline=None)
 @given(st.floats(1e-9, 1), st.floats(0.001, 1), st.integers(1, 12))
 def test_what_falls_by_as_much_as_it_must_goes_on_and_what_falls_by_less_ends(
     first: float, worth: float, judged: int

@@ -24,7 +24,7 @@ from posegaussian.storage.model.errors import ArchiveError, SourceError
 from posegaussian.storage.model.spec import ArraySpec
 from tests.support.sample_captures import make_capture, make_rig, make_sequence
 
-QUICK = settings(derandomize=True, deadline=None, max_examples=50)
+QUICK = settings(max_examples=50)
 SPECS = [w for s in STAGES for w in s.writes if isinstance(w, ArraySpec)]
 DEPTH = ArraySpec("depth/depth", ("frame", "view", "y", "x"), "float32", "m", "Depth.")
 

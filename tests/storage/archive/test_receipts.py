@@ -60,7 +60,7 @@ receipts = st.builds(
 )
 
 
-@settings(derandomize=True, deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(receipts)
 def test_json_and_back_is_the_identity(receipt: Receipt) -> None:
     assert Receipt.from_json(receipt.to_json()) == receipt

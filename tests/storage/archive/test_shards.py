@@ -79,7 +79,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[SequenceGroup, di
     return sequence, found
 
 
-@settings(derandomize=True, deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(st.sampled_from(ALL), st.integers(0, FRAMES - 1), st.integers(1, FRAMES), st.integers(0, VIEWS - 1))
 def test_any_span_of_any_view_reads_what_was_written(
     written: tuple[SequenceGroup, dict], spec: ArraySpec, start: int, length: int, view: int
@@ -98,7 +98,7 @@ def test_any_span_of_any_view_reads_what_was_written(
         np.testing.assert_array_equal(read_frames(sequence, spec.name, outputs, GRID, span, v), wanted)
 
 
-@settings(derandomize=True, deadline=None, max_examples=6)
+@settings(max_examples=6)
 @given(st.integers(1, 9), st.integers(1, 5), st.integers(0, 99))
 def test_every_partition_length_holds_the_same_content(frames: int, partition: int, seed: int) -> None:
     values = make_values(DEPTH, frames, seed)
@@ -361,7 +361,7 @@ LISTS = ArraySpec("refinement/twist", ("frame", "view", LISTED, "turn"), "float1
 PIXELS = HEIGHT * WIDTH
 
 
-@settings(derandomize=True, deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.lists(st.integers(0, PIXELS), min_size=PARTITION, max_size=PARTITION), st.integers(0, PIXELS), st.data())
 def test_of_a_list_what_is_used_is_kept_and_the_rest_is_zero(
     lengths: list[int], more: int, data: st.DataObject

@@ -24,7 +24,7 @@ from posegaussian.storage.files.names import (
 )
 from posegaussian.storage.model.errors import CalibrationError
 
-QUICK = settings(derandomize=True, deadline=None, max_examples=300)
+QUICK = settings(max_examples=300)
 BAD_KEYS = [
     "",
     "/",

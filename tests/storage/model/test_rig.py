@@ -23,7 +23,7 @@ from posegaussian.storage.model.cameras import (
 from posegaussian.storage.model.errors import CalibrationError, UserError
 from tests.support.sample_captures import make_rig
 
-QUICK = settings(derandomize=True, deadline=None, max_examples=50)
+QUICK = settings(max_examples=50)
 
 
 @QUICK

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from posegaussian.storage.model.spec import FIXED_DIMS, ArraySpec, array_digest, canonical, digest, dim_length
 
-QUICK = settings(derandomize=True, deadline=None, max_examples=50)
+QUICK = settings(max_examples=50)
 leaves = (
     st.none()
     | st.booleans()

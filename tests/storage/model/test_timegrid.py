@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from posegaussian.storage.model.timegrid import TimeGrid, parse_range, select
 
-QUICK = settings(derandomize=True, deadline=None, max_examples=50)
+QUICK = settings(max_examples=50)
 grids = st.builds(TimeGrid, frames=st.integers(0, 40), length=st.integers(1, 12))
 
 
