@@ -45,7 +45,8 @@ BORDER = 3
 
 
 class Slopes(NamedTuple):
-    """How much of an edge there is across outlines: 1/255 a px, median of their points."""
+    """How much of an edge there is across outlines: 1/255 a px, mean of their points. Where stripes reach the outline
+    half of its points have little, and a median flips between the halves."""
 
     given: float
     """As they are given, moved as a whole to where pictures change most (what `outline_correction` does)."""
@@ -69,7 +70,7 @@ def redrawn(picture: np.ndarray, mask: np.ndarray) -> np.ndarray:
     prior = _prior(given, inside, reach)
     found = without_specks(along_edges(shown, prior, scale, None, COLORS) > 0, prior > 0)
     out = np.zeros_like(mask)
-    out[box] = soft_edge(shown, found)
+    out[box] = soft_edge(shown, found | _lost(inside, found))
     return out
 
 
@@ -88,7 +89,7 @@ def slopes(picture: np.ndarray, mask: np.ndarray) -> Slopes | None:
         return None
     at_edge = moved(given, typical_offset(change))
     found = [_slopes_across(shown, outlined) for outlined in (at_edge, redrawn(shown, at_edge))]
-    return Slopes(*(float(np.median(f)) for f in found)) if all(len(f) for f in found) else None
+    return Slopes(*(float(np.mean(f)) for f in found)) if all(len(f) for f in found) else None
 
 
 def _prior(mask: np.ndarray, inside: np.ndarray, reach: float) -> np.ndarray:
@@ -97,6 +98,14 @@ def _prior(mask: np.ndarray, inside: np.ndarray, reach: float) -> np.ndarray:
     soft = cv2.GaussianBlur(mask.astype(np.float32) / np.float32(255), (0, 0), reach / 3)
     outside, within = (np.clip(distance_to(a) / reach - 0.5, 0, 1) for a in (inside, ~inside))
     return np.asarray(logit(soft, DOUBT) + FIRM_OUTSIDE * outside + FIRM_INSIDE * within, np.float32)
+
+
+def _lost(inside: np.ndarray, found: np.ndarray) -> np.ndarray:
+    """[h, w] bool: parts of a mask [h, w] bool of which nothing was found [h, w] bool: a ball in the air."""
+    count, labels = cv2.connectedComponents(inside.astype(np.uint8), connectivity=8)
+    lost = np.bincount(labels[found], minlength=count) == 0
+    lost[0] = False
+    return np.asarray(lost[labels])
 
 
 def _slopes_across(picture: np.ndarray, mask: np.ndarray) -> np.ndarray:

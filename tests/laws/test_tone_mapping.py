@@ -83,3 +83,15 @@ def test_the_curve(white: float) -> None:
     )
     twice = tone_mapped(np.full((1, 1, 3), 0.4, np.float16), np.full(3, 2.0), white)
     assert np.abs(twice.astype(int) - tone_mapped(np.full((1, 1, 3), 0.8, np.float16), np.ones(3), white)).max() <= 1
+
+
+def test_outlines_are_redrawn_by_the_pictures_whatever_maps_their_tones(tmp_path: Path) -> None:
+    """Masks are made before tones are mapped, of pictures that are clipped at white."""
+    on = "effects.outline_redrawing=on"
+    mapped, clipped = in_linear_light(tmp_path, 6.0, on), in_linear_light(tmp_path, 6.0, on, "effects.tone_mapping=off")
+    for p in (mapped, clipped):
+        p.run(selection=FRAMES, expect_failure=True)
+    for view in (0, 1):
+        masks = [Results(p.context()).read("frames/mask", range(2), view) for p in (mapped, clipped)]
+        np.testing.assert_array_equal(*masks)
+        assert (masks[0] != filmed(views=3)["mask"][:, view]).any()

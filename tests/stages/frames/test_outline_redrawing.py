@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from posegaussian.stages.frames.effects import OUTLINE_REDRAWING, SLOPES
+from posegaussian.stages.frames.effects import OUTLINE_CORRECTION, OUTLINE_REDRAWING, OUTLINES, SLOPES
 from posegaussian.stages.frames.outline_redrawing import LEAST_REACH, REACH, redrawn, slopes
 from posegaussian.stages.geometry.subject import STATURE
 from posegaussian.stages.imaging.outline import moved
@@ -104,6 +104,13 @@ def test_what_lies_farther_from_the_outline_than_it_is_moved_stays(person: Perso
         assert not (changed & (np.abs(_away(foreground(given))) > 3 * reach)).any()
 
 
+def test_a_part_that_colours_do_not_tell_stays(person: PersonCapture) -> None:
+    """A ball in the air, small beside the person, of the backdrop's own colour; corners become round."""
+    picture, given = before(person, 0, BACKDROPS["green"]), person.mask[0, 0].copy()
+    given[10:20, 10:20] = 255
+    assert foreground(redrawn(picture, given))[10:20, 10:20].mean() > 0.7
+
+
 def test_a_subject_elsewhere_in_the_picture_is_redrawn_alike(person: PersonCapture) -> None:
     picture, given = before(person, 0, BACKDROPS["a mottled wall"]), in_waves(person.mask[0, 0], 0)
     around = [np.pad(a, ((40, 24), (64, 16), (0, 0))[: a.ndim], mode="edge") for a in (picture, given)]
@@ -124,6 +131,16 @@ def ragged(*told: tuple[float, float]) -> Any:
     return SimpleNamespace(
         rig=rig, sources=tuple(range(len(told))), facts=frozenset({"masks"}), noted={SLOPES: np.array(told)}
     )
+
+
+def test_outlines_that_are_redrawn_are_not_moved_besides() -> None:
+    evidence = ragged((7.0, 10.0))
+    evidence.facts |= {"outline_redrawing"}
+    assert OUTLINE_CORRECTION.decide(evidence, 1.0) is None, "until it is noted how far they are off"
+    evidence.noted[OUTLINES] = np.array([[3.0, 0.5, 1000.0]])
+    found = OUTLINE_CORRECTION.decide(evidence, 1.0)
+    assert found is not None
+    assert not found.on
 
 
 def test_the_middle_view_decides_and_views_without_edges_have_no_say() -> None:

@@ -51,6 +51,17 @@ def test_masks_are_trusted_where_most_outlines_agree(person: PersonCapture) -> N
         assert effect.lacks(unmasked())  # type: ignore[arg-type]
 
 
+def test_outlines_that_are_redrawn_are_evened_whatever_the_given_ones_say(person: PersonCapture) -> None:
+    redrawn = evidence(person)
+    redrawn.facts |= {"outline_redrawing"}
+    assert OUTLINE_EVENING.decide(redrawn, OUTLINE_EVENING.threshold) is None  # type: ignore[arg-type]
+    redrawn.noted["survey/agreement"] = outlines(np.full((8, 8), 0.02))
+    for effect in (SILHOUETTE_CLIPPING, HOLE_FILLING, OUTLINE_EVENING):
+        found = effect.decide(redrawn, effect.threshold)  # type: ignore[arg-type]
+        assert found is not None
+        assert found.on == (effect is OUTLINE_EVENING)
+
+
 def test_two_masks_clip_and_neither_fill_nor_even(person: PersonCapture) -> None:
     """Beyond what either shows is nobody; what both leave is not all somebody's."""
     two, one = evidence(person), evidence(person)
