@@ -288,8 +288,8 @@ OUTLINE_REDRAWING = Effect(
     "Redraw the outlines of a source view's given masks along the edges that its pictures have.",
     "share of the edges' slope that outlines miss",
     # Right masks of 84 sets of pictures, plain or cluttered, blurred, noisy, striped: 3 miss more than 0.2, 7 more than
-    # this; of a man outlined by hand in a cluttered room, of a head, narrow on one side, and of half the size: 0.04 to
-    # 0.13. As networks make them: 0.22 to 0.31.
+    # this; of a man outlined by hand in a cluttered room, of half the size, and of a head, narrow on one side: 0.05,
+    # 0.09 and 0.10. As networks make them: 0.22 to 0.31.
     0.18,
     "1",
     _ragged,

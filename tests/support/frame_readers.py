@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from posegaussian.stages.geometry.projection import project
-from posegaussian.stages.simulator.subjects.capsule_person import render, ring
+from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, render, ring
 from posegaussian.stages.simulator.subjects.motion import joints_at, pose
 
 
@@ -49,6 +49,13 @@ def wall(size: int, seed: int) -> np.ndarray:
         grid = rng.normal(size=(n, n, 1)) + 0.25 * rng.normal(size=(n, n, 3))
         out += amplitude * cv2.resize(grid, (size, size), interpolation=cv2.INTER_CUBIC)
     return np.clip(out, 30, 240)
+
+
+def before(person: PersonCapture, view: int, backdrop: np.ndarray) -> np.ndarray:
+    """[h, w, 3] uint8: the first frame of a person before a backdrop [h, w, 3], with a camera's noise."""
+    color, mask = person.color[0, view].astype(float), person.mask[0, view, ..., None] / 255.0
+    noise = np.random.default_rng(view).normal(0, 2, color.shape)
+    return np.clip(np.rint(color * mask + backdrop * (1 - mask) + noise), 0, 255).astype(np.uint8)
 
 
 @dataclass

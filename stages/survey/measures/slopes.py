@@ -48,7 +48,7 @@ MEASURE = Measure(
             "float64",
             "1/255 a px",
             "How much colours change across the outlines of a view's masks as they are given, moved to where pictures"
-            " change most, and across outlines redrawn along the pictures' edges; medians, means of 2 frames.",
+            " change most, and across outlines redrawn along the pictures' edges; means of their points, of 2 frames.",
             when=NAME,
             noted=True,
         ),

@@ -13,7 +13,7 @@ from posegaussian.stages.frames.gaps import Gaps, gaps_in, opened
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
 from posegaussian.storage.model.joint_sets import COCO17
 from posegaussian.storage.model.masks import foreground
-from tests.support.frame_readers import wall
+from tests.support.frame_readers import before, wall
 
 SIZE = 256
 PLAIN = {"black": (0, 0, 0), "green": (40, 190, 70), "white": (250, 250, 250)}
@@ -23,13 +23,6 @@ PLAIN = {"black": (0, 0, 0), "green": (40, 190, 70), "white": (250, 250, 250)}
 def kicking() -> PersonCapture:
     """Arms and legs apart, from four sides."""
     return capture_person(4, SIZE, 1, 0, motion="kick")
-
-
-def before(person: PersonCapture, view: int, backdrop: np.ndarray) -> np.ndarray:
-    """[h, w, 3] uint8 with a camera's noise."""
-    color, mask = person.color[0, view].astype(float), person.mask[0, view, ..., None] / 255.0
-    noise = np.random.default_rng(view).normal(0, 2, color.shape)
-    return np.clip(np.rint(color * mask + backdrop * (1 - mask) + noise), 0, 255).astype(np.uint8)
 
 
 def backdrops(view: int) -> dict[str, np.ndarray]:

@@ -16,7 +16,7 @@ from posegaussian.stages.geometry.subject import STATURE
 from posegaussian.stages.imaging.outline import moved
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person, ring
 from posegaussian.storage.model.masks import foreground
-from tests.support.frame_readers import wall
+from tests.support.frame_readers import before, wall
 
 SIZE = 256
 
@@ -25,13 +25,6 @@ SIZE = 256
 def person() -> PersonCapture:
     """150 px tall, arms and legs apart, from four sides."""
     return capture_person(4, SIZE, 1, 0, motion="kick")
-
-
-def before(person: PersonCapture, view: int, backdrop: np.ndarray) -> np.ndarray:
-    """[h, w, 3] uint8 with a camera's noise."""
-    color, mask = person.color[0, view].astype(float), person.mask[0, view, ..., None] / 255.0
-    noise = np.random.default_rng(view).normal(0, 2, color.shape)
-    return np.clip(np.rint(color * mask + backdrop * (1 - mask) + noise), 0, 255).astype(np.uint8)
 
 
 BACKDROPS = {"green": np.broadcast_to(np.array([40.0, 190, 70]), (SIZE, SIZE, 3)), "a mottled wall": wall(SIZE, 0)}
