@@ -37,6 +37,8 @@ class Told(IntEnum):
     """Right; its masks lack something that those of the others have."""
     LATE = 7
     """It shows another moment; by how many frames it is late is noted next."""
+    UPSIDE_DOWN = 8
+    """It is wrong by joints; were its pictures turned by 180 degrees, it would stand right."""
 
 
 @dataclass(frozen=True)

@@ -165,6 +165,8 @@ class Standing:
     """Cameras that stand right, and whose masks lack something that those of the others have."""
     late: Mapping[int, float] = field(default_factory=dict)
     """Frames by which cameras are late that show another moment than the others."""
+    upside_down: frozenset[int] = frozenset()
+    """Cameras that are wrong, and whose joints would lie right, were their pictures turned by 180 degrees."""
 
 
 def standing(rig: Rig, frames: Sequence[Outlined]) -> Standing:

@@ -54,6 +54,11 @@ OUT_OF_STEP = (
     " shows {frames} {} does not: it seems {} by {frames}"
 )
 CORRECTED, HALF = "; set frames.time_offset: {{{}: {:g}}}", ", and half a frame cannot be corrected"
+UPSIDE_DOWN = (
+    "its joints lie {:.2f} % of the picture's longer side beside those of the others; turned by 180 degrees they would"
+    " not: its pictures seem upside down against its calibration: write them the other way round (ffmpeg -i IN -vf"
+    " hflip,vflip OUT) and import again"
+)
 LACKS = "its masks lack something that those of the others have, and its own outline contradicts none: it stands right"
 WORDS = {"features": "matched features", "outlines": "outlines of masks", "joints": "joints"}
 
@@ -136,6 +141,8 @@ def _stands(name: str, belief: Belief, standing: np.ndarray, exchanged: list[str
         if told == Told.MIRRORED:
             reason += "; mirrored left-right it would not: its pictures seem mirrored"
         return Belief(False, measured, reason)
+    if told == Told.UPSIDE_DOWN:
+        return Belief(False, measured, UPSIDE_DOWN.format(100 * apart))
     if told == Told.LACKING and belief.in_place:
         return replace(belief, believed=True, reason=f"{LACKS}; {belief.reason}")
     if not belief.believed or not any(turn):

@@ -16,6 +16,7 @@ from posegaussian.storage.importers.common import ranges
 from posegaussian.storage.model.capture import PER_VIEW, Capture, SourceFile, Stream
 from posegaussian.storage.model.errors import SourceError
 from posegaussian.storage.readers.video import LONG_GAP, VideoFile
+from posegaussian.storage.readers.video_look import Seen, seen_in
 
 _RATE_TOLERANCE = 0.01
 _JITTER = 0.05
@@ -23,6 +24,7 @@ _JITTER = 0.05
 by up to 1 %. 24 and 25 frames a second are told apart in eight frames."""
 _TOGETHER = 0.25
 """Frames by which two such videos may part until the shorter one ends."""
+_DEINTERLACE = "deinterlace all cameras alike (ffmpeg -i IN -vf bwdif=mode=send_frame OUT)"
 SAME_RATE = 5e-4
 """Relative difference of frame rates below which frames of two videos stay in step; 29.97 and 30 differ by 1e-3."""
 
@@ -80,20 +82,26 @@ def with_dropped(capture: Capture) -> Capture:
 
 
 def as_filmed(capture: Capture) -> list[str]:
-    """Sentences about what a video says of itself and pictures do not show: that rows are two instants, that pixels are
-    not square, and that it lasts longer than what it holds."""
+    """Sentences about how videos were filmed: that rows are two instants, as the file says or its pictures show, that
+    pictures are repeated, that pixels are not square, and that a file lasts longer than what it holds."""
     videos = {
         name: VideoFile(s.files[0].path)
         for name, s in zip(capture.rig.names, capture.pictures, strict=True)
         if s.kind == "video"
     }
+    seen = {n: looked for n, v in videos.items() if (looked := seen_in(v)) is not None}
     notes = []
     if fields := [n for n, v in videos.items() if v.interlaced]:
         notes.append(
             f"interlaced: {', '.join(fields)}; odd and even rows are two instants, unless they were filmed as one:"
-            " where edges of what moves are combed, deinterlace all cameras alike (ffmpeg -i IN -vf"
-            " bwdif=mode=send_frame OUT)"
+            f" where edges of what moves are combed, {_DEINTERLACE}"
         )
+    if combed := [n for n in seen if seen[n].combed and n not in fields]:
+        notes.append(
+            f"interlaced: {', '.join(combed)}, though the file does not say so: edges of what moves are combed, as odd"
+            f" and even rows are two instants; {_DEINTERLACE}"
+        )
+    notes += _repeated({n: s for n, s in seen.items() if s.repeats})
     for name, v in videos.items():
         if v.perhaps_cut is not None:
             held, said = v.perhaps_cut
@@ -108,6 +116,27 @@ def as_filmed(capture: Capture) -> list[str]:
                 " taken as they are stored, as the calibration must be"
             )
     return notes
+
+
+def _repeated(seen: Mapping[str, Seen]) -> list[str]:
+    """A sentence on cameras whose pictures are repeated, those together of which the same is seen."""
+    cameras: dict[Seen, list[str]] = {}
+    for name, of_camera in seen.items():
+        cameras.setdefault(of_camera, []).append(name)
+    return [_repeats(" and ".join(names), of_them) for of_them, names in cameras.items()]
+
+
+def _repeats(names: str, seen: Seen) -> str:
+    """That sentence."""
+    of = f"{len(seen.repeats)} of {len(seen.frames) - 1} pictures from frame {seen.frames[1]} on"
+    told = (
+        f"{names}: {of} are the one before once more, as where fewer frames a second are filmed than written; beside"
+        " cameras that film all of them it shows what moves late there: film at the rate of the others, or leave it out"
+        " (views.sources)"
+    )
+    if (new := seen.every) is None:
+        return told
+    return f"{told}, or work on the frames in which it is new, {new[0]}, {new[1]}, ... (frames.range)"
 
 
 def _drift(rates: Mapping[str, float], given: float | None) -> list[str]:

@@ -27,7 +27,8 @@ MEASURE = Measure(
             " that, 2 where it would stand right in the place of the other one of which this is so, 3 where joints told"
             " it, 4 where it was moved by that turn in mid-take, between the two source frames that come last, 5 where"
             " it would stand right if its pictures were mirrored, 6 where it stands right and its masks lack something"
-            " that those of the others have.",
+            " that those of the others have, 7 where it is late by as many frames as come next, and 8 where its"
+            " joints would lie right if its pictures were turned by 180 degrees.",
             when=STANDING,
             noted=True,
         ),

@@ -14,7 +14,7 @@ from posegaussian.stages.contract.facts import ESTIMATED, JOINTS2D, MASKS
 from posegaussian.stages.contract.io import Block, Inputs, TaskScope
 from posegaussian.stages.contract.trust import Told
 from posegaussian.stages.detection.reader import EstimatedJoints, joint_reader
-from posegaussian.stages.imaging.small_turns import turned
+from posegaussian.stages.imaging.small_turns import SIDE, turned
 from posegaussian.stages.imaging.warp import Warp
 from posegaussian.stages.silhouettes.coherence import FEWEST, Outlined, Standing, as_written, standing
 from posegaussian.stages.survey.algorithms.joints import by_size, people_of
@@ -26,6 +26,7 @@ from posegaussian.stages.survey.standing.by_joints import same_person_first, sta
 from posegaussian.stages.survey.standing.lacking import lacking
 from posegaussian.stages.survey.standing.moved import without_moved
 from posegaussian.stages.survey.standing.out_of_step import late_by_joints, late_by_silhouettes
+from posegaussian.stages.survey.standing.upside_down import upside_down
 from posegaussian.storage.model.cameras import Rig
 from posegaussian.storage.model.masks import foreground
 
@@ -94,6 +95,7 @@ def told(found: Standing, inputs: Inputs) -> np.ndarray:
     for v, moved in found.moved.items():
         share = np.linalg.norm(moved.by) * rig.intrinsics[v, 0, 0] / longest[v]
         rows[v] = *moved.by, share, Told.MOVED, moved.before, moved.after
+    rows[list(found.upside_down), 4] = Told.UPSIDE_DOWN
     for v, by in found.late.items():
         rows[v, 4:6] = Told.LATE, by
     return rows
@@ -175,7 +177,13 @@ def _by_joints(inputs: Inputs, people: np.ndarray, numbers: np.ndarray) -> Stand
     apart *= rig.size.max() / cameras.size.max()
     moved = {sources[v]: m for v, m in found.moved.items()}
     if late is None:
-        return replace(found, turns=turns, apart=apart, moved=moved)
+        found = replace(found, turns=turns, apart=apart, moved=moved)
+        overhead = upside_down(cameras, people[:, :, 0]) if not (moved or turns.any()) else None
+        if overhead is None:
+            return found
+        camera, px = overhead
+        apart[sources[camera]] = px * rig.size.max() / SIDE
+        return replace(found, upside_down=frozenset({sources[camera]}))
     apart[sources[late.camera]] = late.apart * rig.size.max() / cameras.size.max()
     return replace(found, turns=turns, apart=apart, moved=moved, late={sources[late.camera]: late.frames})
 

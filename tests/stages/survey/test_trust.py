@@ -148,6 +148,15 @@ def test_a_camera_whose_pictures_are_mirrored_is_told_so() -> None:
     assert "mirrored" not in found[4].sentence
 
 
+def test_a_camera_whose_pictures_are_upside_down_is_left_out_with_what_to_do() -> None:
+    standing = np.zeros((6, 7))
+    standing[2, 3:5] = 0.33, Told.UPSIDE_DOWN
+    found = judged(parties(6, set()), standing)
+    assert [v.state for v in found].index("left out") == 2
+    assert "joints lie 33.00 % of the picture's longer side beside those of the others" in found[2].sentence
+    assert "(ffmpeg -i IN -vf hflip,vflip OUT)" in found[2].sentence
+
+
 def test_a_camera_that_was_moved_in_mid_take_is_left_out_and_the_moment_is_said() -> None:
     standing = np.zeros((6, 7))
     standing[3] = 0.0, 0.02, 0.0, 0.04, Told.MOVED, 120, 124

@@ -173,6 +173,70 @@ def test_a_video_whose_rows_are_two_instants_is_named(tmp_path: Path) -> None:
     assert "deinterlace all cameras alike (ffmpeg -i IN -vf bwdif=mode=send_frame OUT)" in told
 
 
+def walker(instant: float) -> np.ndarray:
+    """[h, w] luma of somebody who comes by before a wall."""
+    width, height = ring.SIZE
+    picture = np.tile(np.linspace(60, 120, width), (height, 1)).astype(np.uint8)
+    left = round(3 * instant) % (width - 16)
+    picture[4:-4, left : left + 16] = 200
+    return picture
+
+
+def walks(base: Path, instants: Sequence[float], second: float = 0.0) -> Capture:
+    """A capture whose cam1 shows these instants, the rows in between one that is `second` later; the others show
+    instants 0, 1, ..."""
+    for name in NAMES:
+        pictures = [walker(i) for i in (instants if name == "cam1" else range(len(instants)))]
+        if name == "cam1" and second:
+            for picture, i in zip(pictures, instants, strict=True):
+                picture[1::2] = walker(i + second)[1::2]
+        write_clip(base / f"{name}.mp4", [planes(p) for p in pictures], g=12)
+    kalibr(base)
+    return find(base)
+
+
+@pytest.mark.parametrize(
+    ("instants", "told"),
+    [
+        ([i // 2 * 2 for i in range(30)], r"12 of 23 .* in which it is new, 2, 4, "),
+        ([i // 3 * 3 for i in range(30)], r"16 of 23 .* in which it is new, 3, 6, "),
+        ([i * 5 // 6 for i in range(30)], r"4 of 23 .*leave it out \(views\.sources\)$"),
+    ],
+    ids=["15 of 30", "10 of 30", "25 of 30"],
+)
+def test_a_camera_whose_pictures_are_repeated_is_told_and_where_they_are_new(
+    tmp_path: Path, instants: list[float], told: str
+) -> None:
+    (note,) = said(walks(tmp_path, instants), "once more")
+    assert note.startswith("cam1: ")
+    assert re.search(told, note), note
+
+
+@pytest.mark.parametrize(
+    "instants",
+    [
+        [float(i) for i in range(30)],
+        [0.3 * i for i in range(30)],
+        [min(i, 15) for i in range(30)],
+        [i if i < 10 else max(10, i - 8) for i in range(30)],
+        [0] * 30,
+    ],
+    ids=["walks", "slowly", "stands still at last", "in between", "throughout"],
+)
+def test_somebody_who_walks_slowly_or_stands_still_is_no_repeated_picture(
+    tmp_path: Path, instants: list[float]
+) -> None:
+    capture = walks(tmp_path, instants)
+    assert not said(capture, "once more")
+    assert not said(capture, "interlaced")
+
+
+def test_combed_rows_are_told_of_a_video_that_does_not_say_so(tmp_path: Path) -> None:
+    (note,) = said(walks(tmp_path, range(30), second=1.0), "interlaced")
+    assert note.startswith("interlaced: cam1, though the file does not say so: edges of what moves are combed")
+    assert "(ffmpeg -i IN -vf bwdif=mode=send_frame OUT)" in note
+
+
 def test_pixels_that_are_not_square_are_said_where_the_calibration_is_of_them(tmp_path: Path) -> None:
     films(tmp_path, ".mp4", WHOLE)
     width, height = ring.SIZE
