@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from posegaussian.stages.contract.facts import SINGLE_SOURCE
+from posegaussian.stages.contract.facts import MASKS, SINGLE_SOURCE
 from posegaussian.stages.contract.io import Block, Inputs
 from posegaussian.stages.depth.algorithms.pose_prior import flesh_of, limbs_of
 from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, has_silhouettes, reliefs
@@ -53,6 +53,7 @@ def _together(inputs: Inputs, params: DepthParams, method: DepthMethod, of_frame
     depth = {v: np.zeros(shape, np.float32) for v in sources}
     confidence = {v: np.zeros(shape, np.float16) for v in sources}
     untold: set[int] = set()
+    doubted: dict[int, list[int]] = {v: [] for v in sources}
 
     @cache
     def geometry(valid: tuple[int, ...], silhouettes: bool) -> Geometry:
@@ -68,11 +69,13 @@ def _together(inputs: Inputs, params: DepthParams, method: DepthMethod, of_frame
         untold.update(assumed)
         for v, (z, c) in {**of_frame(known, frame, params, LEFT_RIGHT_CHECK in inputs.facts), **assumed}.items():
             depth[v][f], confidence[v][f] = z, c
+        for v in frame.contradicting if MASKS in inputs.facts else ():
+            doubted[v].append(int(inputs.source_frames[f]))
     for v in range(len(inputs.rig)):
         sure = confidence.get(v, np.zeros(shape, np.float16))
         yield Block("depth/depth", depth.get(v, np.zeros(shape, np.float32)), v)
         told = (UNTOLD,) if v in untold else matched_note(sure) if method.matches else ()
-        yield Block("depth/confidence", sure, v, notes=told)
+        yield Block("depth/confidence", sure, v, notes=(*told, *doubted_note(doubted.get(v, []), shape[0])))
 
 
 def _shape(inputs: Inputs) -> tuple[int, int, int]:
@@ -131,6 +134,16 @@ def matched_note(confidence: np.ndarray) -> tuple[str, ...]:
             " rest follows neighbours and the hull"
         ),
     )
+
+
+def doubted_note(frames: list[int], count: int) -> tuple[str, ...]:
+    """A sentence about the source frames of a view, of `count`, in which its mask as a whole contradicts the others."""
+    which = f"frame{'s' if len(frames) > 1 else ''} {', '.join(map(str, frames))}"
+    told = (
+        f"{len(frames)} of {count} masks contradict those of the other cameras as a whole, those of {which}: nothing"
+        " where these see somebody, or much where they do not; look at mask and picture there"
+    )
+    return (told,) if frames else ()
 
 
 def distance_note(

@@ -88,3 +88,12 @@ def hidden_told(frames: list[int]) -> tuple[str, ...]:
         " camera out (views.sources)"
     )
     return (told,) if frames else ()
+
+
+def dropped_told(frames: list[int]) -> tuple[str, ...]:
+    """A sentence on the source frames of a view whose pictures show nothing; none without any."""
+    told = (
+        f"the pictures of {_frames(frames)} show nothing, they are of one brightness where the subject is: taken for"
+        " frames that the recording dropped, and left out"
+    )
+    return (told,) if frames else ()

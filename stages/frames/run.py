@@ -23,7 +23,7 @@ from posegaussian.stages.frames.facts import (
     TONE_MAPPING,
 )
 from posegaussian.stages.frames.gaps import gaps_in, opened
-from posegaussian.stages.frames.mask_doubts import MUCH, around_told, doubts, goes_around, hidden_told
+from posegaussian.stages.frames.mask_doubts import MUCH, around_told, doubts, dropped_told, goes_around, hidden_told
 from posegaussian.stages.frames.outline_redrawing import redrawn
 from posegaussian.stages.frames.params import FramesParams, resolve_matte
 from posegaussian.stages.frames.person_matte import person_matte
@@ -33,6 +33,7 @@ from posegaussian.stages.geometry.subject import PERSON_RADIUS, STATURE, look_at
 from posegaussian.stages.imaging.averaging import averaged
 from posegaussian.stages.imaging.camera_mapping import switched
 from posegaussian.stages.imaging.color import gain_table, to_display, tone_mapped
+from posegaussian.stages.imaging.contrast import shows_nothing
 from posegaussian.stages.imaging.exposure import match
 from posegaussian.stages.imaging.noise import noise_at, size_worked_at
 from posegaussian.stages.imaging.outline import moved
@@ -49,7 +50,8 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
     depth maps their depth [F, h, w] float32 m.
 
     h and w are the largest of all views; a smaller view lies at the top left, its padding is black with mask 0 and
-    depth 0, and so is a frame that the view has no picture of. Linear float pictures are encoded to sRGB, and clipped
+    depth 0, and so is a frame that the view has no picture of, or one that shows nothing (a frame that was dropped and
+    written black) of a subject that is cut out. Linear float pictures are encoded to sRGB, and clipped
     at 1 while `tone_mapping` is off. While `outline_correction` is on, the outlines of a source view's given masks are
     moved to the pictures' edges; while `gap_opening` is on, they lose what shows the backdrop; while
     `outline_redrawing` is on, they follow the pictures' edges. While `noise_averaging` is on, a source view's pictures
@@ -89,8 +91,10 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
         table = gain_table(_gain(inputs, view))
         for picture in color:
             cv2.LUT(picture, table, dst=picture)
+    dropped = [] if resolve_matte(params, inputs.facts) == "none" else _dropped(warp, present, color, mask)
     yield Block("frames/color", color, view)
     del color
+    notes = (*notes, *dropped_told([int(inputs.source_frames[f]) for f in dropped]))
     yield Block("frames/mask", mask, view, (*notes, *doubts(mask, resolve_matte(params, inputs.facts))))
     del mask
     if TRUTH_DEPTH in inputs.facts:
@@ -101,6 +105,15 @@ def run(inputs: Inputs, params: FramesParams) -> Iterator[Block]:
         yield Block("truth/depth", depth, view)
     if GIVEN_DEPTH in inputs.facts:
         yield _given_depth(inputs, warp, dict(zip(numbers, present, strict=True)))
+
+
+def _dropped(warp: Warp, present: np.ndarray, color: np.ndarray, mask: np.ndarray) -> list[int]:
+    """Frames of the partition whose pictures, of color [F, h, w, 3], show nothing where mask [F, h, w] holds something;
+    both are emptied there: black would be drawn into what other views show of the subject."""
+    shown = np.s_[: warp.size[1], : warp.size[0]]
+    found = [int(f) for f in present if shows_nothing(color[f][shown], mask[f][shown])]
+    color[found], mask[found] = 0, 0
+    return found
 
 
 def _steadily(inputs: Inputs, warp: Warp) -> Callable[[np.ndarray], np.ndarray]:

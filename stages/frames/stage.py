@@ -155,7 +155,7 @@ def notes(evidence: Evidence) -> list[str]:
 STAGE = Stage(
     name="frames",
     summary="Decode, crop, undistort and scale the pictures, and find the foreground.",
-    version=6,
+    version=7,
     run="posegaussian.stages.frames.run:run",
     check="posegaussian.stages.frames.run:check",
     reads=(

@@ -56,6 +56,10 @@ class Planned:
         a run carves with."""
         return {v: mask for v, mask in masks.items() if v == place or v in self.source_places}
 
+    def masks_carving(self, masks: Mapping[int, np.ndarray]) -> dict[int, np.ndarray]:
+        """Of masks by index in the footage, those that a run carves with."""
+        return {v: mask for v, mask in masks.items() if v in self.source_places}
+
     @property
     def method(self) -> DepthMethod:
         """The depth method of the run."""

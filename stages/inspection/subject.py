@@ -21,7 +21,7 @@ from posegaussian.stages.inspection.joint_fit import FEWEST, WITHIN, JointFit, j
 from posegaussian.stages.inspection.planned import Planned
 from posegaussian.stages.inspection.sharpness import edge_width
 from posegaussian.stages.survey.algorithms.joints import SCORE
-from posegaussian.stages.survey.algorithms.silhouettes import agreeing_share
+from posegaussian.stages.survey.algorithms.silhouettes import odd_one_out, share_left
 from posegaussian.storage.model.masks import ROUND, foreground, rim_share
 
 RESIDUAL = (0.008, 0.016)
@@ -253,10 +253,15 @@ def of_masks(footage: Footage, planned: Planned, wrong: tuple[str, ...] = ()) ->
     if len(footage.rig) < 2:
         return [unmeasured("mask agreement", (), "of the rim", *AGREEMENT, "one camera's masks have nothing to fit to")]
     masks = [footage.masks(n) for n in footage.looked_at]
+    odd = [None if wrong else odd_one_out(footage.rig, planned.masks_carving(m)) for m in masks]
     out: list[Finding] = []
     for v, name in enumerate(footage.names):
-        of_frames = [agreeing_share(footage.rig, planned.masks_against(v, m), v) for m in masks if v in m]
-        shares = [s for s in of_frames if s is not None]
+        of_frames = [
+            (n, share_left(footage.rig, planned.masks_against(v, m), v, o), o == v)
+            for n, m, o in zip(footage.looked_at, masks, odd, strict=True)
+            if v in m
+        ]
+        shares = [s for _, s, _ in of_frames if s is not None]
         if not shares:
             out.append(
                 unmeasured(
@@ -269,20 +274,17 @@ def of_masks(footage: Footage, planned: Planned, wrong: tuple[str, ...] = ()) ->
             )
             continue
         share = float(np.mean(shares))
+        told = f"{share:.1%} of the outline is not contradicted by another camera's mask"
+        if wrong_in := [(n, s) for n, s, is_odd in of_frames if is_odd]:
+            left = np.mean([s for _, s in wrong_in if s is not None])
+            told = (
+                f"in frame{'s' * (len(wrong_in) > 1)} {', '.join(str(n) for n, _ in wrong_in)} it leaves {left:.1%} of"
+                " the outlines of the others' masks, which agree without it"
+            )
         advice = MEND_MASKS
         if others := [n for n in wrong if n != name]:
             advice = f"mend the masks of {', '.join(others)}, which it is compared with, and inspect again"
-        out.append(
-            measured(
-                "mask agreement",
-                (name,),
-                share,
-                "of the rim",
-                *AGREEMENT,
-                f"{share:.1%} of the outline is not contradicted by another camera's mask",
-                advice,
-            )
-        )
+        out.append(measured("mask agreement", (name,), share, "of the rim", *AGREEMENT, told, advice))
     return out
 
 

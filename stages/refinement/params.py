@@ -49,7 +49,7 @@ class RefinementParams(Params):
     group: int = setting(
         16,
         "Frames of a group, counted from the sequence's first, all of which are trained for as many steps as a"
-        " rehearsal on its first one finds best; 1: every frame rehearses.",
+        " rehearsal on its first one finds best, or on the next where it hardly gains; 1: every frame rehearses.",
         unit="frames",
         ge=1,
         le=64,

@@ -51,6 +51,15 @@ class Rehearsal:
         """Whether any step made a better picture."""
         return self.after < self.before
 
+    @property
+    def clear(self) -> bool:
+        """Whether it is better by more than chance."""
+        return self.after * ALIKE < self.before
+
+    def gains_more(self, other: Rehearsal) -> bool:
+        """Whether its picture got better by a larger factor than another one's."""
+        return self.after * other.before < other.after * self.before
+
 
 def begin(gaussians: Mapping[int, ViewGaussians], filmed: Mapping[int, Filmed], order: Sequence[int]) -> Walk:
     """A walk on this worker's device; on the CPU where the device has no Triton to walk with."""

@@ -1,5 +1,5 @@
 """Kernel of the refinement stage: the first frame of a group rehearses, and every frame of it is trained for as many
-steps as that found best."""
+steps as that found best; where it found hardly a gain, the next one is asked, too."""
 
 from __future__ import annotations
 
@@ -18,6 +18,11 @@ from posegaussian.stages.refinement.steps.optimise import Walk
 from posegaussian.stages.rendering.lift import GaussianMaps, Places, lift
 from posegaussian.stages.rendering.sources import COUNTS, REFINED
 
+ASKED = 2
+"""Frames of a group, at most, that rehearse while none gains more than chance: one picture that is late, or whose mask
+is wrong, would cost the whole group its refinement. Another one a group is what it takes where there is nothing to
+gain."""
+
 
 def run(inputs: Inputs, params: RefinementParams) -> Iterator[Block]:
     """Yield the refined Gaussians of every view as lists, how many they are, and how each frame went.
@@ -32,13 +37,17 @@ def run(inputs: Inputs, params: RefinementParams) -> Iterator[Block]:
     made: dict[int, list[GaussianMaps]] = {v: [] for v in inputs.views.sources}
     outcomes = []
     rehearsal: Rehearsal | None = None
+    asked = 0
     for i in range(first // params.group * params.group, stop):
-        rehearsal = None if i % params.group == 0 else rehearsal
-        if i < first and rehearsal is not None:
+        rehearsal, asked = (None, 0) if i % params.group == 0 else (rehearsal, asked)
+        settled = rehearsal is not None and (rehearsal.clear or asked == ASKED)
+        if i < first and settled:
             continue
         frame = frames.frame(i)
-        rehearsed = rehearsal is None and frame.plan is not None
-        rehearsal = _rehearsed(frames, i, frame, params) if rehearsed else rehearsal
+        rehearsed = not settled and frame.plan is not None
+        if rehearsed:
+            found, asked = _rehearsed(frames, i, frame, params), asked + 1
+            rehearsal = found if rehearsal is None or found.gains_more(rehearsal) else rehearsal
         if i < first:
             continue
         taught, lists = 0, dict[int, GaussianMaps]()

@@ -15,7 +15,7 @@ from posegaussian.stages.geometry.rectification import RectifiedPair, rectify
 from posegaussian.stages.geometry.subject import look_at_point, up_direction
 from posegaussian.stages.matching.fuse import MATCHED
 from posegaussian.stages.matching.sweep import Neighbours, nearest
-from posegaussian.stages.silhouettes.agreement import agreement
+from posegaussian.stages.silhouettes.agreement import FEWEST, agreement
 from posegaussian.stages.silhouettes.hidden import without_hidden
 from posegaussian.stages.silhouettes.hull import Silhouettes, searched_radius, visual_hull
 from posegaussian.stages.silhouettes.places import BELIEVED
@@ -45,6 +45,8 @@ class Frame:
     believed."""
     flesh: np.ndarray = field(default_factory=lambda: np.zeros((0, 7)))
     """[M, 7] capsules of what of them is surely there."""
+    contradicting: set[int] = field(default_factory=set)
+    """Views whose masks as a whole contradict those of the others, filled in by `hulls`."""
 
     @property
     def inside(self) -> dict[int, np.ndarray]:
@@ -136,6 +138,9 @@ def hulls(geometry: Geometry, frame: Frame) -> Maps:
     """
     silhouettes = Silhouettes.of(geometry.rig, frame.masks, geometry.centre, geometry.radius)
     found = agreement(geometry.rig, frame.masks, silhouettes)
+    if len(geometry.views) >= FEWEST:
+        wrong = (v for v in geometry.views if v not in found.carving or found.unexplained[v] >= BELIEVED)
+        frame.contradicting.update(wrong)
     carving = without_hidden(geometry.rig, frame.masks, silhouettes.kept(set(found.carving)), found.unexplained)
     ends = {
         v: visual_hull(geometry.rig, v, frame.masks[v], carving, votes=found.unexplained.get(v, 1.0) < BELIEVED)

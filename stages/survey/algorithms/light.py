@@ -1,22 +1,11 @@
-"""How much of a camera's light lies beyond white, and whether its pictures show anything at all."""
+"""How much of a camera's light lies beyond white."""
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
-
-from posegaussian.storage.model.masks import foreground
 
 BRIGHT = 99.9
 """Percentile of the light that is to stay below white: a lamp's core and a glint may be white."""
-SMOOTHED = 9
-"""Px over which a picture is averaged before its contrast is taken, so that noise counts as none."""
-SPREAD = (2, 98)
-"""Percentiles between which contrast is taken."""
-QUARTILES = (25, 75)
-"""Percentiles of what lies around a subject that it is compared with: bars and a burnt-in time stamp are less."""
-BURNT_OUT = 240
-"""Brightness, of 255, from which on a subject is white as a lamp in the lens makes it, with noise."""
 
 
 def light_beyond_white(picture: np.ndarray) -> np.ndarray:
@@ -29,41 +18,3 @@ def light_beyond_white(picture: np.ndarray) -> np.ndarray:
         return np.array([0.0, 1.0])
     brightest = picture.astype(np.float32).max(axis=2)
     return np.array([(brightest > 1).mean(), np.percentile(brightest, BRIGHT)])
-
-
-def contrast(picture: np.ndarray, mask: np.ndarray | None = None) -> float | None:
-    """By how much a picture [h, w, 3] uint8 varies in brightness, 1/255 sRGB: between its second and 98th percentile,
-    of averages over a few pixels. With a mask [h, w] of its size inside that, or by how much what is inside stands out
-    against what lies in a box around it, if that is more; None where the mask is empty.
-
-    A lens cap, a lamp in the lens, a stuck grey: next to nothing. A person in plain dark clothes, seen from behind,
-    varies as little, and stands out.
-    """
-    smooth = cv2.blur(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), (SMOOTHED, SMOOTHED))
-    if mask is None or mask.shape != smooth.shape:
-        return _spread(smooth)
-    inside = foreground(mask).astype(np.uint8)
-    if not inside.any():
-        return None
-    # Averages at the rim hold what lies behind; a mask that is thinner than that keeps its rim.
-    inner = cv2.erode(inside, np.ones((SMOOTHED, SMOOTHED), np.uint8))
-    seen = smooth[(inner if inner.any() else inside) > 0]
-    return max(_spread(seen), _standing_out(float(np.median(seen)), smooth, inside))
-
-
-def _standing_out(level: float, smooth: np.ndarray, inside: np.ndarray) -> float:
-    """By how much the brightness of a subject differs from a quartile of what lies around it, in a box a few pixels
-    larger than the mask [h, w] of 0 and 1; 0 of white, which stands out against black by the mask alone where pictures
-    are cut out."""
-    x, y, width, height = cv2.boundingRect(inside)
-    by = SMOOTHED // 2
-    box = np.s_[max(0, y - by) : y + height + by, max(0, x - by) : x + width + by]
-    around = smooth[box][inside[box] == 0]
-    if level >= BURNT_OUT or not len(around):
-        return 0.0
-    return float(np.abs(np.percentile(around, QUARTILES) - level).max())
-
-
-def _spread(values: np.ndarray) -> float:
-    low, high = np.percentile(values, SPREAD)
-    return float(high - low)

@@ -12,6 +12,7 @@ from posegaussian.stages.contract.io import Inputs
 from posegaussian.stages.geometry.projection import rays
 from posegaussian.stages.geometry.subject import look_at_point
 from posegaussian.stages.imaging.warp import Warp
+from posegaussian.stages.silhouettes.agreement import agreement
 from posegaussian.stages.silhouettes.hull import Silhouettes, searched_radius
 from posegaussian.storage.model.cameras import Rig, points_from_integer_centres
 from posegaussian.storage.model.masks import foreground
@@ -64,3 +65,23 @@ def agreeing_share(rig: Rig, masks: dict[int, np.ndarray], view: int) -> float |
         rig.world_to_camera[view],
     )
     return float((others.ends(origin, directions, (TOLERANCE, TOLERANCE), votes=False)[:, 0] > 0).mean())
+
+
+def odd_one_out(rig: Rig, masks: dict[int, np.ndarray]) -> int | None:
+    """Of masks [h, w] by view the only one that contradicts the others, which agree without it; None where there is
+    none, or that is not clear. A mask that lacks half of somebody is contradicted by none, and all are by it."""
+    if not masks:
+        return None
+    views = sorted(masks)
+    centre = look_at_point(rig.subset(views))
+    silhouettes = Silhouettes.of(rig, masks, centre, searched_radius(rig, views, centre))
+    return next(iter(set(views) - agreement(rig, masks, silhouettes).carving), None)
+
+
+def share_left(rig: Rig, masks: dict[int, np.ndarray], view: int, odd: int | None) -> float | None:
+    """As `agreeing_share` of a view's mask, without the `odd` one among the others; of the odd one itself the mean of
+    what is left of theirs with it."""
+    if view != odd:
+        return agreeing_share(rig, {v: m for v, m in masks.items() if v != odd}, view)
+    left = [agreeing_share(rig, masks, v) for v in masks if v != odd]
+    return float(np.mean([s for s in left if s is not None] or [0.0]))

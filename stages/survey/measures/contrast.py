@@ -18,7 +18,7 @@ UNKNOWN = -1.0
 
 
 class ContrastLook(Look):
-    """A number of one view: the median of `light.contrast`; 0 of a view that is no source."""
+    """A number of one view: the median of `contrast.contrast`; 0 of a view that is no source."""
 
     def __init__(self, s: Sampled) -> None:
         """Of a few frames."""
@@ -28,7 +28,7 @@ class ContrastLook(Look):
 
     def see(self, number: int, picture: np.ndarray, shown: np.ndarray) -> None:
         """Contrast of one frame, inside its mask and around it."""
-        from posegaussian.stages.survey.algorithms.light import contrast
+        from posegaussian.stages.imaging.contrast import contrast
 
         mask = next(iter(self._masks.read(self._view, [number]))) if self._masks is not None else None
         found = contrast(shown, mask)

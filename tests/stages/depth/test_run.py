@@ -11,14 +11,14 @@ from posegaussian.stages.depth.algorithms.occluding_contour import turn_away
 from posegaussian.stages.depth.algorithms.scene import Frame, Geometry, hull_only, hulls, reliefs
 from posegaussian.stages.depth.notes import notes
 from posegaussian.stages.depth.params import DepthParams
-from posegaussian.stages.depth.run import check, matched_note
+from posegaussian.stages.depth.run import check, matched_note, run
 from posegaussian.stages.depth.stage import STAGE
 from posegaussian.stages.geometry.pairs import alone
 from posegaussian.stages.metrics.depth_error import depth_error
 from posegaussian.stages.simulator.subjects.capsule_person import PersonCapture, capture_person
 from posegaussian.storage.model.errors import UserError
 from tests.support.known_geometry import rig_of
-from tests.support.memory_inputs import run_stage
+from tests.support.memory_inputs import MemoryInputs, run_stage
 
 DEPTH, CONFIDENCE = "depth/depth", "depth/confidence"
 
@@ -186,6 +186,19 @@ def test_a_camera_to_the_side_tells_how_far_away_the_subject_is(person: PersonCa
     assert "cam00, cam04: every other camera looks along the same rays" in " ".join(_told(person, (0, 4)))
     assert "every other camera" not in " ".join(_told(person, views))
     assert reliefs(geometry, Frame({}, {0: blind[0]})) == reliefs(geometry, Frame({}, {2: blind[2]})) == {}
+
+
+def test_masks_that_contradict_all_others_in_a_frame_are_named(person: PersonCapture) -> None:
+    """One that is empty in the second frame, and one that is the whole picture in the first; right ones are not."""
+    spoilt = person.mask.copy()
+    spoilt[1, 3], spoilt[0, 5] = 0, 255
+    for mask, wrong in ((spoilt, {3: "frame 1:", 5: "frame 0:"}), (person.mask, {})):
+        given = {**arrays(person), "frames/mask": mask}
+        params, facts = DepthParams(method="hull"), frozenset({"masks"})
+        inputs = MemoryInputs(STAGE, params, given, person.rig, person.views, range(2), 2, facts=facts)
+        told = {b.view: b.notes for b in run(inputs, params) if b.notes}
+        assert told.keys() == wrong.keys()
+        assert all(which in told[view][0] for view, which in wrong.items())
 
 
 def _told(c: PersonCapture, views: tuple[int, ...]) -> list[str]:

@@ -6,7 +6,7 @@ import pytest
 
 from posegaussian.stages.contract.io import Block, Views
 from posegaussian.stages.frames.params import FramesParams
-from posegaussian.stages.frames.run import check
+from posegaussian.stages.frames.run import check, run
 from posegaussian.stages.frames.stage import STAGE
 from posegaussian.stages.geometry.projection import pixel_centres
 from posegaussian.stages.imaging.camera_mapping import frames_rig
@@ -16,7 +16,7 @@ from posegaussian.storage.model.cameras import Rig, points_to_integer_centres
 from posegaussian.storage.model.crop import Crop, captured_to_calibrated
 from posegaussian.storage.model.errors import SourceError
 from tests.support.frame_readers import Pictures
-from tests.support.memory_inputs import run_stage
+from tests.support.memory_inputs import MemoryInputs, run_stage
 
 
 def _rig(sizes: list[tuple[int, int]], distortion: np.ndarray | None = None) -> Rig:
@@ -94,6 +94,39 @@ def test_smaller_views_are_padded_and_missing_frames_are_black_and_not_read() ->
         expected[valid[:, v], :h, :w] = 255
         np.testing.assert_array_equal(out["frames/mask"][:, v], expected)
         np.testing.assert_array_equal(out["frames/color"][:, v], np.repeat(expected[..., None], 3, -1))
+
+
+@pytest.mark.parametrize("level", [0, 90, 255])
+def test_a_picture_that_shows_nothing_counts_as_none_and_is_named(level: int) -> None:
+    """One black, grey or white frame of one camera, whose mask holds the person as ever; noise shows nothing."""
+    capture = capture_person(3, 48, 5, 0)
+    noise = np.random.default_rng(0).normal(level, 3, (48, 48, 3))
+    color = capture.color.copy()
+    color[2, 1] = np.clip(noise, 0, 255)
+    pictures, masks = (Pictures([list(a[:, v]) for v in range(3)]) for a in (color, capture.mask))
+    facts = frozenset({"masks", "several_frames"})
+    for length in (5, 2):
+        out = _run(capture.rig, FramesParams(), pictures, 5, {"masks": masks}, length, facts=facts)
+        assert not out["frames/color"][2, 1].any()
+        assert not out["frames/mask"][2, 1].any()
+        for found, given in (("frames/color", capture.color), ("frames/mask", capture.mask)):
+            others = np.ones((5, 3), bool)
+            others[2, 1] = False
+            np.testing.assert_array_equal(out[found][others], given[others])
+    inputs = MemoryInputs(
+        STAGE,
+        FramesParams(),
+        {},
+        capture.rig,
+        Views(capture.rig.names, (0, 1, 2), ()),
+        range(5),
+        5,
+        view=1,
+        sources={"pictures": pictures, "masks": masks},
+        facts=facts,
+    )
+    (told,) = [note for block in run(inputs, FramesParams()) for note in block.notes]
+    assert "frame 2 show nothing" in told
 
 
 def test_scaling_averages_areas_and_depth_is_never_mixed() -> None:

@@ -192,6 +192,11 @@ def test_speckles_go_and_limbs_stay() -> None:
     assert not mask[90:110, 10:30].any()
 
 
+def ramp(size: int) -> np.ndarray:
+    """[size, size, 3] uint8: a picture that shows something wherever its mask is."""
+    return np.tile(np.linspace(0, 255, size).astype(np.uint8)[:, None, None], (1, size, 3))
+
+
 @pytest.mark.parametrize("inverted", [(1,), (0, 1, 2)])
 def test_given_masks_that_mark_the_background_are_warned_about_in_one_camera_and_in_all(
     inverted: tuple[int, ...],
@@ -204,7 +209,7 @@ def test_given_masks_that_mark_the_background_are_warned_about_in_one_camera_and
     small = np.zeros((size, size), np.uint8)
     small[8:28, 12:20] = 255
     readers = {
-        "pictures": Pictures([[np.zeros((size, size, 3), np.uint8)] * 3] * 3),
+        "pictures": Pictures([[ramp(size)] * 3] * 3),
         "masks": Pictures([[whole - small if v in inverted else m] * 3 for v, m in enumerate((whole, bust, small))]),
     }
     for v in range(3):
@@ -245,7 +250,7 @@ def test_one_given_mask_that_goes_around_its_picture_and_one_that_was_turned_are
         6,
         view=0,
         sources={
-            "pictures": Pictures([[np.zeros((size, size, 3), np.uint8)] * 6]),
+            "pictures": Pictures([[ramp(size)] * 6]),
             "masks": Turned([[small, 255 - small, *[small] * 4]]),
         },
         facts=frozenset({"masks"}),

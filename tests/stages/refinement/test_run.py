@@ -280,6 +280,24 @@ def test_a_group_whose_first_frame_lacks_views_rehearses_on_the_next(
     assert all(np.array_equal(whole[k], cut[k]) for k in whole)
 
 
+def test_a_group_whose_first_frame_has_nothing_to_gain_asks_the_next_and_no_other(
+    person: PersonCapture, spoilt: dict[str, np.ndarray]
+) -> None:
+    """The judge's picture of a frame is black: no step draws that better."""
+    arrays = {k: v.copy() for k, v in spoilt.items()}
+    judge = int(refine(person, spoilt, 1, frames=1)[OUTCOME][0, JUDGE])
+    arrays["frames/color"][0, judge] = 0
+    whole = refine(person, arrays, 3, group=4)
+    np.testing.assert_array_equal(whole[OUTCOME][:, REHEARSED], [1, 1, 0, 0])
+    np.testing.assert_array_equal(whole[OUTCOME][:, STEP], [0, 3, 3, 3])
+    cut = refine(person, arrays, 3, group=4, length=1)
+    assert all(np.array_equal(whole[k], cut[k]) for k in whole)
+    arrays["frames/color"][1, judge] = 0
+    np.testing.assert_array_equal(
+        refine(person, arrays, 3, group=4)[OUTCOME][:, [REHEARSED, STEP]].T, [[1, 1, 0, 0], [0] * 4]
+    )
+
+
 def test_threads_change_nothing(person: PersonCapture, spoilt: dict[str, np.ndarray]) -> None:
     one = refine(person, spoilt, 4, frames=1)
     torch.set_num_threads(2)

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from posegaussian.stages.survey.algorithms.light import contrast
+from posegaussian.stages.imaging.contrast import contrast
 from posegaussian.stages.survey.trust import NOTHING, SOMETHING
 
 
