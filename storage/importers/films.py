@@ -102,6 +102,11 @@ def as_filmed(capture: Capture) -> list[str]:
             f" and even rows are two instants; {_DEINTERLACE}"
         )
     notes += _repeated({n: s for n, s in seen.items() if s.repeats})
+    if wide := [f"{n} ({v.wide_color})" for n, v in videos.items() if v.wide_color is not None]:
+        notes.append(
+            f"high dynamic range or wide gamut: {', '.join(wide)}; brought to sRGB by one fixed curve"
+            + ("; the other cameras film otherwise, set all alike" if len(wide) < len(videos) else "")
+        )
     for name, v in videos.items():
         if v.perhaps_cut is not None:
             held, said = v.perhaps_cut

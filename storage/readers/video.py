@@ -2,7 +2,8 @@
 
 Colour: a matrix or range that the file names is honoured. Where it names none, pictures of 720 lines or more are BT.709
 and smaller ones BT.601, limited range (yuvj formats are full range). Decoded values are display-referred and taken as
-sRGB; HDR transfer functions and wide-gamut primaries are refused, as they would need a tone mapping nobody chose.
+sRGB; high dynamic range (HLG, PQ) and wide gamut (BT.2020, Display P3) are brought to it by
+`posegaussian.storage.readers.wide_color`, other primaries refused.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import numpy as np
 from posegaussian.storage.model.documents import regular
 from posegaussian.storage.model.errors import SourceError
 from posegaussian.storage.readers.video_container import contents, opened
+from posegaussian.storage.readers.wide_color import BT2020, WideColor
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".avi", ".webm")
 """File endings that count as videos, lower case."""
@@ -32,6 +34,8 @@ _SEEK_GAP = 48
 # ITU-T H.273 matrix coefficients -> the value PyAV's Colorspace has for swscale.
 _MATRICES = {1: 1, 4: 4, 5: 5, 6: 5, 7: 7, 9: 9}
 _UNSPECIFIED = 2
+_UNREAD_PRIMARIES = (8, 10, 11)
+"""Film, XYZ and the DCI's P3, whose whites are others."""
 _PREDICTED = (2, 3)
 """Types of pictures that others are needed for, P and B, as PyAV's PictureType has them."""
 
@@ -55,6 +59,8 @@ class _Index:
     square_size: tuple[int, int]
     """As the property of `VideoFile`."""
     interlaced: bool
+    """As the property of `VideoFile`."""
+    wide_color: str | None
     """As the property of `VideoFile`."""
     perhaps_cut: tuple[float, float] | None
     """As the property of `VideoFile`."""
@@ -116,6 +122,11 @@ class VideoFile:
         """Whether odd and even rows of its first frame are stored as two fields, which are two instants where they
         were filmed so."""
         return self._index.interlaced
+
+    @property
+    def wide_color(self) -> str | None:
+        """What its colours are that are brought to sRGB, in words: `HLG, BT.2020`; None of standard range and gamut."""
+        return self._index.wide_color
 
     @property
     def keyframes(self) -> tuple[int, ...]:
@@ -220,6 +231,7 @@ def _scan(path: str, size: int, mtime_ns: int) -> _Index:
             raise SourceError(f"no frame of video {path} can be decoded")
         turns = _quarter_turns(frame, path)
         _to_rgb(frame, turns, Path(path))
+    color = WideColor.of(int(frame.color_trc), int(frame.color_primaries))
     wide = round(frame.width * held.aspect)  # scaling to whole px leaves aspects beside 1, which mean nothing
     square = (frame.width if abs(wide - frame.width) <= 1 else wide, frame.height)
     shown = (frame.width, frame.height)
@@ -246,6 +258,7 @@ def _scan(path: str, size: int, mtime_ns: int) -> _Index:
         held.timecode,
         square,
         bool(frame.interlaced_frame),
+        color.name if color is not None else None,
         held.perhaps_cut,
     )
 
@@ -291,22 +304,23 @@ def _to_rgb(frame: Any, quarter_turns: int, path: Path) -> np.ndarray:
     """[h, w, 3] uint8 of a decoded frame, by swscale with the matrix and range spelled out."""
     from av.video.reformatter import ColorRange, Colorspace, Interpolation
 
-    if int(frame.color_trc) in (16, 18) or int(frame.color_primaries) in (9, 11, 12):
+    if int(frame.color_primaries) in _UNREAD_PRIMARIES:
         raise SourceError(
-            f"video {path} is HDR or wide gamut (primaries {int(frame.color_primaries)}, transfer"
-            f" {int(frame.color_trc)}); convert it to BT.709 first"
+            f"video {path} has primaries {int(frame.color_primaries)} (ITU-T H.273), which are not read; convert it to"
+            " BT.709 first"
         )
+    wide = WideColor.of(int(frame.color_trc), int(frame.color_primaries))
     matrix, full = int(frame.colorspace), int(frame.color_range) == 2 or frame.format.name.startswith("yuvj")
     if frame.format.is_rgb:
         matrix, full = 1, True
     elif matrix == _UNSPECIFIED:
-        matrix = 1 if frame.height >= 720 else 5
+        matrix = (1 if frame.height >= 720 else 5) if wide is None or wide.primaries != BT2020 else 9
     elif matrix not in _MATRICES:
         raise SourceError(
             f"video {path} uses colour matrix {matrix} (ITU-T H.273), which is not read; convert it to BT.709 first"
         )
     rgb = frame.reformat(
-        format="rgb24",
+        format="rgb24" if wide is None else "rgb48le",
         src_colorspace=Colorspace(_MATRICES[matrix]),
         dst_colorspace=Colorspace.ITU709,
         src_color_range=ColorRange.JPEG if full else ColorRange.MPEG,
@@ -317,4 +331,4 @@ def _to_rgb(frame: Any, quarter_turns: int, path: Path) -> np.ndarray:
         | Interpolation.BITEXACT,
         threads=1,
     ).to_ndarray()
-    return np.ascontiguousarray(np.rot90(rgb, quarter_turns))
+    return np.ascontiguousarray(np.rot90(rgb if wide is None else wide.displayed(rgb), quarter_turns))

@@ -173,6 +173,17 @@ def test_a_video_whose_rows_are_two_instants_is_named(tmp_path: Path) -> None:
     assert "deinterlace all cameras alike (ffmpeg -i IN -vf bwdif=mode=send_frame OUT)" in told
 
 
+@pytest.mark.parametrize("wide", [("cam1",), NAMES])
+def test_cameras_of_high_dynamic_range_are_named(tmp_path: Path, wide: tuple[str, ...]) -> None:
+    tags = {"colorspace": 9, "color_trc": 18, "color_primaries": 9}
+    for name in NAMES:
+        counting_clip(tmp_path / f"{name}.mp4", 3, ring.SIZE, tags=tags if name in wide else None)
+    kalibr(tmp_path)
+    (told,) = said(find(tmp_path), "high dynamic range")
+    assert all((f"{n} (HLG, BT.2020)" in told) == (n in wide) for n in NAMES)
+    assert ("the other cameras film otherwise" in told) == (len(wide) < len(NAMES))
+
+
 def walker(instant: float) -> np.ndarray:
     """[h, w] luma of somebody who comes by before a wall."""
     width, height = ring.SIZE

@@ -12,6 +12,7 @@ from av.video.frame import PictureType
 from posegaussian.storage.exporters.video import write_video
 from posegaussian.storage.model.errors import SourceError
 from posegaussian.storage.readers.video import VideoFile
+from posegaussian.storage.readers.wide_color import HLG, PQ, WideColor
 from tests.support.video_clips import counted, counting_clip, planes, write_clip
 
 CONTAINERS = [
@@ -118,10 +119,25 @@ def test_colours_follow_tags_or_the_number_of_lines(tmp_path, height, tags, weig
         np.testing.assert_allclose(picture[height // 2, 32], equation(*patch, *weights, full), atol=3)
 
 
-def test_hdr_is_refused(tmp_path):
+@pytest.mark.parametrize("transfer", [HLG, PQ])
+def test_high_dynamic_range_is_brought_to_srgb(tmp_path, transfer):
+    """By the equations of its matrix and of its transfer; 8 bits of limited range are a level or two of either."""
+    patches = [(128, 90, 170), (150, 128, 128), (100, 160, 100), (60, 140, 120)]
+    frames = [planes(np.full((720, 64), y, np.uint8), u, v) for y, u, v in patches]
+    tags = {"colorspace": 9, "color_trc": transfer, "color_primaries": 9}
+    video = VideoFile(write_clip(tmp_path / "a.mp4", frames, tags=tags, crf=1, g=1))
+    color = WideColor.of(transfer, 9)
+    for patch, picture in zip(patches, video.read(range(4)), strict=True):
+        coded = np.rint(257 * equation(*patch, *BT2020, False)).astype(np.uint16).reshape(1, 1, 3)
+        near = [color.displayed(np.clip(coded.astype(int) + by, 0, 65535).astype(np.uint16)) for by in (-514, 514)]
+        assert (picture[360, 32] >= near[0][0, 0].astype(int) - 3).all()
+        assert (picture[360, 32] <= near[1][0, 0].astype(int) + 3).all()
+
+
+def test_primaries_with_another_white_are_refused(tmp_path):
     frames = [planes(np.full((64, 64), 90, np.uint8))]
-    with pytest.raises(SourceError, match="HDR"):
-        VideoFile(write_clip(tmp_path / "a.mp4", frames, tags={"colorspace": 9, "color_trc": 16, "color_primaries": 9}))
+    with pytest.raises(SourceError, match=r"primaries 11 .* convert it to BT\.709 first"):
+        VideoFile(write_clip(tmp_path / "a.mp4", frames, tags={"colorspace": 1, "color_primaries": 11}))
 
 
 @pytest.mark.parametrize("rotation", [90, 180, 270])
