@@ -83,7 +83,8 @@ def with_dropped(capture: Capture) -> Capture:
 
 def as_filmed(capture: Capture) -> list[str]:
     """Sentences about how videos were filmed: that rows are two instants, as the file says or its pictures show, that
-    pictures are repeated, that pixels are not square, and that a file lasts longer than what it holds."""
+    pictures are repeated, that colours are of more than standard range, that pixels are not square, and that a file
+    lasts longer than what it holds."""
     videos = {
         name: VideoFile(s.files[0].path)
         for name, s in zip(capture.rig.names, capture.pictures, strict=True)

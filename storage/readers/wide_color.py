@@ -41,10 +41,9 @@ class WideColor:
     @classmethod
     def of(cls, transfer: int, primaries: int) -> WideColor | None:
         """By what a file names, ITU-T H.273; None where it is BT.709 or nothing."""
-        named = primaries if primaries in _CHROMATICITIES else BT709
-        if transfer in (HLG, PQ):
-            return cls(transfer, primaries if primaries in _CHROMATICITIES else BT2020)
-        return cls(0, named) if named != BT709 else None
+        high = transfer in (HLG, PQ)
+        known = primaries if primaries in _CHROMATICITIES else BT2020 if high else BT709
+        return cls(transfer if high else 0, known) if high or known != BT709 else None
 
     @property
     def name(self) -> str:
