@@ -63,7 +63,9 @@ def test_nobody_is_told_so_who_stands_right_or_is_wrong_otherwise(views: int) ->
     elsewhere[2] = pixels(rig, SKELETON[None] * [1, 1, 0.7] + [[[0.5, 0.4, 0.0]]])[:, 2]
     labels[2, :, LEFT], labels[2, :, RIGHT] = joints[2, :, RIGHT], joints[2, :, LEFT]
     exchanged[[0, views // 2]] = joints[[views // 2, 0]]
-    for wrong in (late, elsewhere, labels, exchanged, seen(rig, 0, 1)):
+    aside = seen(rig, 2)
+    aside[2, ..., 0] += 0.03 * SIZE  # upside down, and wrong otherwise: turned, it is nearer and does not fit
+    for wrong in (late, elsewhere, labels, exchanged, aside, seen(rig, 0, 1)):
         assert upside_down(rig, wrong) is None
 
 

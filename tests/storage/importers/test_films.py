@@ -230,9 +230,10 @@ def test_a_camera_whose_pictures_are_repeated_is_told_and_where_they_are_new(
         [0.3 * i for i in range(30)],
         [min(i, 15) for i in range(30)],
         [i if i < 10 else max(10, i - 8) for i in range(30)],
+        [i // 8 * 4 + min(i % 8, 3) for i in range(30)],
         [0] * 30,
     ],
-    ids=["walks", "slowly", "stands still at last", "in between", "throughout"],
+    ids=["walks", "slowly", "stands still at last", "in between", "now and then", "throughout"],
 )
 def test_somebody_who_walks_slowly_or_stands_still_is_no_repeated_picture(
     tmp_path: Path, instants: list[float]

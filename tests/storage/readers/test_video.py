@@ -134,6 +134,16 @@ def test_high_dynamic_range_is_brought_to_srgb(tmp_path, transfer):
         assert (picture[360, 32] <= near[1][0, 0].astype(int) + 3).all()
 
 
+def test_a_matrix_that_is_not_named_is_that_of_the_primaries(tmp_path):
+    frames = [planes(np.full((720, 64), 128, np.uint8), 90, 170)]
+    tags = {"color_trc": HLG, "color_primaries": 9}
+    named, unnamed = (
+        next(VideoFile(write_clip(tmp_path / f"{n}.mp4", frames, tags={**tags, **more}, crf=1)).read([0]))
+        for n, more in (("a", {"colorspace": 9}), ("b", {}))
+    )
+    np.testing.assert_array_equal(unnamed, named)
+
+
 def test_primaries_with_another_white_are_refused(tmp_path):
     frames = [planes(np.full((64, 64), 90, np.uint8))]
     with pytest.raises(SourceError, match=r"primaries 11 .* convert it to BT\.709 first"):
