@@ -63,7 +63,7 @@ def _ours(params: RenderingParams, facts: Facts) -> bool:
 STAGE = Stage(
     name="rendering",
     summary="Render novel views from the Gaussians of the nearest source views.",
-    version=12,
+    version=13,
     run="posegaussian.stages.peers.run:run",
     check="posegaussian.stages.rendering.run:check",
     reads=(

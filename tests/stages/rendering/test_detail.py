@@ -187,3 +187,21 @@ def test_maps_and_masks_are_taken_as_stages_leave_them() -> None:
     assert made.color.max() == np.float32(0.2)
     assert made.inside.tolist() == [[0.0] * 4, *[[1.0] * 4] * 3]
     assert made.depth.tolist() == [[1.0] * 4, [1.0] * 4, [1.0, 1.0, 0.0, 1.0], [0.0] * 4], "where a Gaussian is"
+
+
+def test_the_outline_of_what_is_nearer_is_not_looked_up_on_what_lies_behind_it() -> None:
+    """Its colour reaches a pixel farther than its depth, as matched depth has it; beyond that the wall is looked up."""
+    seen, behind = wall(pose(0))
+    near, red = np.s_[16:32, 16:32], np.s_[15:33, 15:33]
+    seen[red], behind[near] = (0.6, 0.4, 0.4), 0.8 * AWAY
+    solid = np.ones((2, SIDE, SIDE), np.float32)
+    rest = (np.zeros((3, SIDE, SIDE), np.float32) for _ in range(2))
+    maps = GaussianMaps(np.rint(seen * 255).astype(np.uint8), behind.astype(np.float32), *rest, solid)
+    made = SourcePicture.of(maps, K, pose(0), np.full((SIDE, SIDE), 255, np.uint8))
+    color, alpha, depth, camera = drawn(pose(0))  # of the wall alone
+    change = detailed(color, alpha, depth, camera, [(made, 1.0)]) - color
+    assert not change[red].any(), "nothing of the square, nor of its rim, lies on the wall"
+    truth = wall(pose(0))[0] - color
+    farther = np.ones((SIDE, SIDE), bool)
+    farther[11:37, 11:37] = False
+    assert np.abs(change - SHARE * truth)[farther].mean() < 0.1 * np.abs(truth)[farther].mean()
