@@ -67,8 +67,9 @@ def _sizes(capture: Capture) -> list[str]:
 
 def _one_frame_apart(capture: Capture) -> list[str]:
     """A sentence where videos differ by one frame in length: which end it is lacking at, they do not tell."""
-    lengths = [len(s.numbers) for s in capture.pictures if s.kind == "video" and "indices" not in s.options]
-    if not lengths or max(lengths) - min(lengths) != 1:
+    videos = [s for s in capture.pictures if s.kind == "video" and "indices" not in s.options]
+    lengths = [len(s.numbers) for s in videos]
+    if not lengths or len({s.numbers[0] for s in videos}) > 1 or max(lengths) - min(lengths) != 1:
         return []
     told = f"videos have {min(lengths)} and {max(lengths)} frames and are taken to begin together"
     late = "where it is the first frame that is lacking, `inspect` shows who is late, and frames.time_offset moves them"

@@ -60,7 +60,10 @@ class ImportOptions(BaseModel):
     )
     timecode: Literal["auto", "ignore"] = Field(
         "auto",
-        description="Whether videos that all carry a timecode are brought into step by it, or taken to begin together.",
+        description=(
+            "Whether videos are brought into step by the timecode that all carry or, without any, by when their files"
+            " show the first frame; or taken to begin together."
+        ),
     )
     joint_set: str | None = Field(
         None, description="Joint set of the 2D joints; by default judged by the number of joints and the folder's name."

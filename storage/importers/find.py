@@ -16,7 +16,7 @@ from posegaussian.storage.importers.letterbox import fitted
 from posegaussian.storage.importers.mask_files import without_masks
 from posegaussian.storage.importers.recognise import explained, fitting, recognised
 from posegaussian.storage.importers.registry import IMPORTERS
-from posegaussian.storage.importers.timecode import in_step
+from posegaussian.storage.importers.timecode import as_files_begin, in_step
 from posegaussian.storage.model.capture import Capture
 from posegaussian.storage.model.errors import SourceError, UserError
 
@@ -59,7 +59,11 @@ def find_capture(layout: str, source: str | Path, options: Mapping[str, Any]) ->
     known = fitted(replace(capture, rig=rig, notes=(*capture.notes, *said)), checked.crops)
     known = replace(known, notes=(*known.notes, *as_filmed(known)))
     if are_counted(known):
-        known = in_step(known if importer.timed else with_dropped(known), checked.timecode == "ignore")
+        ignored = checked.timecode == "ignore"
+        if not importer.timed:
+            known = with_dropped(known)
+            known = known if ignored else as_files_begin(known)
+        known = in_step(known, ignored)
     return _with_roles(accounted(known, importer.by_definition), checked.held_out)
 
 

@@ -71,14 +71,47 @@ def in_step(capture: Capture, ignored: bool) -> Capture:
         return replace(capture, notes=(*capture.notes, f"timecode: {why}"))
     starts = {n: s for n, v in videos.items() if (s := parsed(labels[n], v.rate)) is not None}
     late = _offsets(starts, videos)
+    return _later(capture, late, _told(starts, late))
+
+
+def _later(capture: Capture, late: Mapping[str, int], told: str) -> Capture:
+    """The capture with the frames of each camera numbered so much later, and with this sentence."""
     kinds = {
         kind: tuple(
             s if s is None else s.renumbered({k: k + late[n] for k in s.numbers})
-            for n, s in zip(names, capture.streams(kind), strict=False)
+            for n, s in zip(capture.rig.names, capture.streams(kind), strict=False)
         )
         for kind in PER_VIEW
     }
-    return replace(capture, **kinds, notes=(*capture.notes, _told(starts, late)))  # type: ignore[arg-type]
+    return replace(capture, **kinds, notes=(*capture.notes, told))  # type: ignore[arg-type]
+
+
+def as_files_begin(capture: Capture) -> Capture:
+    """The capture of videos without timecodes in step by when their files show their first frames, with a sentence: a
+    copy that was cut without encoding again begins at the keyframe after the cut, and its times say so.
+
+    Clocks of files that began recording by themselves say nothing of one another. Cameras that are started and stopped
+    together have as many frames each, those that were cut at one instant have not: where all have, none is moved.
+    """
+    videos = {n: VideoFile(s.files[0].path) for n, s in zip(capture.rig.names, capture.pictures, strict=True)}
+    earliest = min(v.begins for v in videos.values())
+    late = {n: round((v.begins - earliest) * capture.frame_rate) for n, v in videos.items()}
+    if not any(late.values()) or any(v.timecode is not None for v in videos.values()):
+        return capture
+    ends = [s.numbers[-1] + 1 for s in capture.pictures]
+    told = f"files show their first frame late: {', '.join(f'{n} by {k}' for n, k in late.items() if k)} frames"
+    why = None
+    if capture.joints3d is not None:
+        why = "joints in space are numbered by other frames"
+    elif len(set(ends)) == 1:
+        why = f"all have {ends[0]} frames, as cameras have that are started and stopped together"
+    elif max(late.values()) >= min(e + k for e, k in zip(ends, late.values(), strict=True)):
+        why = "they would have no instant in common"
+    if why is None:
+        return _later(capture, late, f"{told}, and are numbered so; {IGNORE}; `inspect` measures what remains")
+    offsets = ", ".join(f"{n}: {-k}" for n, k in late.items() if k)
+    cure = f"where the files are right, set frames.time_offset: {{{offsets}}}"
+    return replace(capture, notes=(*capture.notes, f"{told}; videos are taken to begin together, as {why}: {cure}"))
 
 
 def _not_taken(

@@ -56,6 +56,8 @@ class _Index:
     """As the property of `VideoFile`."""
     timecode: str | None
     """As the file has it."""
+    begins: float
+    """As the property of `VideoFile`."""
     square_size: tuple[int, int]
     """As the property of `VideoFile`."""
     interlaced: bool
@@ -111,6 +113,12 @@ class VideoFile:
     def timecode(self) -> str | None:
         """The first frame's timecode as the file has it, of a tmcd track or a tag; None where it has none."""
         return self._index.timecode
+
+    @property
+    def begins(self) -> float:
+        """Seconds after the file's beginning at which its first frame is shown, where an MP4's edit list or Matroska's
+        times say so; else 0."""
+        return self._index.begins
 
     @property
     def square_size(self) -> tuple[int, int]:
@@ -256,6 +264,7 @@ def _scan(path: str, size: int, mtime_ns: int) -> _Index:
         seconds,
         periods,
         held.timecode,
+        held.begins,
         square,
         bool(frame.interlaced_frame),
         color.name if color is not None else None,

@@ -14,6 +14,8 @@ from posegaussian.storage.model.plausible import check_picture
 
 _SHORT_SECONDS, _SHORT_SHARE = 0.5, 0.01
 """A file that lacks more than both, of the time that it says it lasts, is not whole: ends are rounded to frames."""
+_SOUND_LEAD = 0.03
+"""Seconds by which a sound track begins before time 0 as its encoder needs; Matroska then writes all pictures later."""
 
 
 @contextmanager
@@ -56,6 +58,8 @@ class Contents:
     """The first frame's, as the file has it."""
     aspect: float
     """A pixel's width over its height."""
+    begins: float
+    """Seconds after the file's beginning at which its first frame is shown, where the file was told so; else 0."""
     perhaps_cut: tuple[float, float] | None
     """(seconds held, seconds said to be held) where the file may be cut off."""
 
@@ -78,6 +82,7 @@ def contents(path: str) -> Contents:
         said = (container.duration or 0) / 1e6 if "matroska" in kind and tagged is None else 0.0
     # AVI counts time in frames, and promises those, too, that were dropped: nothing is stored of them.
     held = last + 1 if kind == "avi" else len(packets)
+    begins = _begins(path, kind, packets, base)
     if held < promised:
         held = max(held, _stored(path))
     whole, ends = len(packets) - corrupt, base * last + (1 / rates[0] if rates else 0)
@@ -91,13 +96,26 @@ def contents(path: str) -> Contents:
         )
     if corrupt or held < promised or _lacks(ends, tagged or 0):
         raise SourceError(f"video {path} is cut off: {told}")
-    return Contents(packets, base, rates, timecode, aspect, (end, said) if _lacks(end, said) else None)
+    return Contents(packets, base, rates, timecode, aspect, begins, (end, said) if _lacks(end, said) else None)
 
 
 def _stored(path: str) -> int:
     """Frames that an MP4 holds, those included that its edit list leaves out, so that the demuxer passes them over."""
     with opened(path, ignore_editlist="1") as (container, stream):
         return sum(bool(p.size) for p in container.demux(stream))
+
+
+def _begins(path: str, kind: str, packets: list[tuple[int | None, int | None, bool, bool]], base: float) -> float:
+    """What `Contents.begins` says. An MP4 is told so by an edit list alone: without one its first frame seems as late
+    as frames are reordered. AVI is not told so."""
+    first = base * min((p[0] for p in packets if p[0] is not None and not p[3]), default=0)
+    if "matroska" in kind:
+        return first if first > _SOUND_LEAD else 0.0
+    if first <= 0 or "mp4" not in kind:
+        return 0.0
+    with opened(path, ignore_editlist="1") as (container, stream):
+        unedited = next(((p.pts, p.dts) for p in container.demux(stream) if p.size), None)
+    return first if unedited != packets[0][:2] else 0.0
 
 
 def _lacks(end: float, lasts: float) -> bool:

@@ -82,7 +82,12 @@ def test_videos_that_differ_by_a_frame_are_said(tmp_path: Path) -> None:
         capture = Capture("x", own.rig, 30.0, streams)
         return any("frames and are taken to begin together" in n for n in accounted(capture, True).notes)
 
+    def begun(*firsts: int) -> Capture:
+        streams = tuple(Stream("video", (), tuple(range(k, 10)), ring.SIZE) for k in firsts)
+        return accounted(Capture("x", own.rig, 30.0, streams), True)
+
     assert said(9, 10, 9, 9)
+    assert not any("begin together" in n for n in begun(0, 1, 0, 0).notes)
     assert not said(9, 9, 9, 9)
     assert not said(9, 12, 9, 9)
 

@@ -14,7 +14,7 @@ from posegaussian.storage.readers.sources import open_source
 from posegaussian.storage.readers.video import VideoFile
 from tests.storage.importers.test_videos import NAMES, find, kalibr
 from tests.support import ring
-from tests.support.video_clips import counted, counting_clip
+from tests.support.video_clips import copied, counted, counting_clip
 
 NTSC = Fraction(30000, 1001)
 
@@ -160,3 +160,69 @@ def test_timecodes_of_some_or_broken_ones_are_said_and_not_used(tmp_path: Path) 
     assert {s.numbers for s in capture.pictures} == {tuple(range(8))}
     films(tmp_path / "none", {}, cam0="", cam1="", cam2="")
     assert not any(n.startswith("timecode") for n in find(tmp_path / "none").notes)
+
+
+CUT = 15
+"""Frame of the scene at which the copies below are cut."""
+KEYS = {"cam0": 12, "cam1": 20, "cam2": 5}
+"""Frames between keyframes: after the cut the next come 9, 5 and 0 frames late."""
+
+
+def cuts(base: Path, suffix: str, counts: tuple[int, int, int] = (40, 40, 40), **options: str) -> Path:
+    """Videos as `ffmpeg -i IN -ss 0.5 -c copy OUT` cuts them: each from its next keyframe on, and shown as late."""
+    base.mkdir(parents=True)
+    (base.parent / "whole").mkdir(exist_ok=True)
+    for (name, g), count in zip(KEYS.items(), counts, strict=True):
+        whole = base.parent / "whole" / f"{name}.mp4"
+        counting_clip(whole, count, ring.SIZE, crf=1, g=g, keyint_min=g, sc_threshold=0, bf=2)
+        copied(whole, base / f"{name}{suffix}", CUT, CUT, **options)
+    kalibr(base)
+    return base
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".mov", ".mkv"])
+def test_copies_that_were_cut_at_one_instant_stay_in_step_though_they_begin_at_other_keyframes(
+    tmp_path: Path, suffix: str
+) -> None:
+    base = cuts(tmp_path / "cut", suffix)
+    capture = find(base)
+    assert [s.numbers[0] for s in capture.pictures] == [9, 5, 0]
+    for n, shown in seen(capture).items():
+        assert {s for s in shown if s is not None} == {n + CUT}
+    assert sum("files show their first frame late: cam0 by 9, cam1 by 5 frames, and" in n for n in capture.notes) == 1
+    assert "camera cam0 lacks pictures of 9 frames (0-8)" in capture.notes
+    assert [s.numbers[0] for s in find(base, timecode="ignore").pictures] == [0, 0, 0]
+
+
+def test_cameras_with_as_many_frames_are_not_moved_by_clocks_of_files_that_began_by_themselves(tmp_path: Path) -> None:
+    """Phones begin a file with its sound, and pictures when the first is there."""
+    capture = find(cuts(tmp_path / "together", ".mp4", (49, 45, 40)))
+    assert {s.numbers for s in capture.pictures} == {tuple(range(25))}
+    (told,) = (n for n in capture.notes if n.startswith("files show"))
+    assert told.startswith("files show their first frame late: cam0 by 9, cam1 by 5 frames; videos are taken to begin")
+    assert "as all have 25 frames, as cameras have that are started and stopped together" in told
+    assert told.endswith("set frames.time_offset: {cam0: -9, cam1: -5}")
+
+
+def test_files_that_have_no_instant_in_common_are_not_moved(tmp_path: Path) -> None:
+    capture = find(cuts(tmp_path / "apart", ".mp4", (40, 40, 19)))
+    assert [s.numbers[0] for s in capture.pictures] == [0, 0, 0]
+    assert any("taken to begin together, as they would have no instant in common" in n for n in capture.notes)
+
+
+def test_frames_that_are_reordered_do_not_begin_late_without_an_edit_list(tmp_path: Path) -> None:
+    """Fragments, as OBS writes them: the first of B-frames is shown at 2 / 30 s by its times, that of others at 0."""
+    (tmp_path / "whole").mkdir()
+    for bf, name in zip((0, 2, 2), NAMES, strict=True):
+        whole = counting_clip(tmp_path / "whole" / f"{name}.mp4", 12 - bf, ring.SIZE, crf=1, bf=bf)
+        parts = copied(whole, tmp_path / f"{name}.mp4", movflags="frag_keyframe+empty_moov")
+        assert VideoFile(parts).seconds[0] == pytest.approx(bf / 30)
+        assert VideoFile(parts).begins == 0
+    kalibr(tmp_path)
+    assert [s.numbers[0] for s in find(tmp_path).pictures] == [0, 0, 0]
+
+
+def test_what_sound_leads_by_in_a_matroska_file_is_no_late_beginning(tmp_path: Path) -> None:
+    whole = counting_clip(tmp_path / "whole.mp4", 12, ring.SIZE)
+    assert VideoFile(copied(whole, tmp_path / "sound.mkv", -0.023 * 30)).begins == 0
+    assert VideoFile(copied(whole, tmp_path / "late.mkv", -1)).begins == pytest.approx(1 / 30, abs=1e-3)

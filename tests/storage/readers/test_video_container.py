@@ -8,23 +8,10 @@ import pytest
 
 from posegaussian.storage.model.errors import SourceError
 from posegaussian.storage.readers.video import VideoFile
-from tests.support.video_clips import counted, counting_clip
+from tests.support.video_clips import copied, counted, counting_clip
 
 UNTAGGED = (b"DURATION", b"XURATION")
 """What makes the tag of a track's length another tag."""
-
-
-def copied(source, target, earlier=0, **options):
-    """A video's packets in another container, shown so many frames of 30 a second earlier."""
-    with av.open(str(source)) as i, av.open(str(target), "w", options=options) as o:
-        stream = i.streams.video[0]
-        out = o.add_stream_from_template(stream)
-        shift = round(earlier / 30 / stream.time_base)
-        for packet in i.demux(stream):
-            if packet.dts is not None:
-                packet.pts, packet.dts, packet.stream = packet.pts - shift, packet.dts - shift, out
-                o.mux(packet)
-    return target
 
 
 def cut(path, share):
