@@ -54,6 +54,7 @@ def _together(inputs: Inputs, params: DepthParams, method: DepthMethod, of_frame
     confidence = {v: np.zeros(shape, np.float16) for v in sources}
     untold: set[int] = set()
     doubted: dict[int, list[int]] = {v: [] for v in sources}
+    strays: dict[int, list[int]] = {v: [] for v in sources}
 
     @cache
     def geometry(valid: tuple[int, ...], silhouettes: bool) -> Geometry:
@@ -71,11 +72,14 @@ def _together(inputs: Inputs, params: DepthParams, method: DepthMethod, of_frame
             depth[v][f], confidence[v][f] = z, c
         for v in frame.contradicting if MASKS in inputs.facts else ():
             doubted[v].append(int(inputs.source_frames[f]))
+        for v in frame.strays if MASKS in inputs.facts else ():
+            strays[v].append(int(inputs.source_frames[f]))
     for v in range(len(inputs.rig)):
         sure = confidence.get(v, np.zeros(shape, np.float16))
         yield Block("depth/depth", depth.get(v, np.zeros(shape, np.float32)), v)
         told = (UNTOLD,) if v in untold else matched_note(sure) if method.matches else ()
-        yield Block("depth/confidence", sure, v, notes=(*told, *doubted_note(doubted.get(v, []), shape[0])))
+        odd = (*doubted_note(doubted.get(v, []), shape[0]), *stray_note(strays.get(v, []), shape[0]))
+        yield Block("depth/confidence", sure, v, notes=(*told, *odd))
 
 
 def _shape(inputs: Inputs) -> tuple[int, int, int]:
@@ -136,12 +140,26 @@ def matched_note(confidence: np.ndarray) -> tuple[str, ...]:
     )
 
 
+def _which(frames: list[int]) -> str:
+    return f"frame{'s' if len(frames) > 1 else ''} {', '.join(map(str, frames))}"
+
+
+def stray_note(frames: list[int], count: int) -> tuple[str, ...]:
+    """A sentence about the source frames of a view, of `count`, in which its mask has parts that are not the
+    subject."""
+    told = (
+        f"{len(frames)} of {count} masks hold something that most other cameras have nothing of, those of"
+        f" {_which(frames)}: somebody else's arm, a piece of the floor; nothing is made of it, but cut it out of the"
+        " mask there if it hides the subject"
+    )
+    return (told,) if frames else ()
+
+
 def doubted_note(frames: list[int], count: int) -> tuple[str, ...]:
     """A sentence about the source frames of a view, of `count`, in which its mask as a whole contradicts the others."""
-    which = f"frame{'s' if len(frames) > 1 else ''} {', '.join(map(str, frames))}"
     told = (
-        f"{len(frames)} of {count} masks contradict those of the other cameras as a whole, those of {which}: nothing"
-        " where these see somebody, or much where they do not; look at mask and picture there"
+        f"{len(frames)} of {count} masks contradict those of the other cameras as a whole, those of {_which(frames)}:"
+        " nothing where these see somebody, or much where they do not; look at mask and picture there"
     )
     return (told,) if frames else ()
 

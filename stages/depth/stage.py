@@ -32,7 +32,7 @@ def _of_method(array: str) -> Read:
 STAGE = Stage(
     name="depth",
     summary="Estimate metric depth and its confidence for every source view.",
-    version=7,
+    version=8,
     run="posegaussian.stages.depth.run:run",
     check="posegaussian.stages.depth.run:check",
     reads=(

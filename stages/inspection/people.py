@@ -23,6 +23,7 @@ from posegaussian.stages.inspection.joint_fit import FEWEST
 from posegaussian.stages.inspection.planned import Planned
 from posegaussian.stages.survey.algorithms.joints import RESIDUAL, SCORE, people, seen_joints
 from posegaussian.storage.model.cameras import Rig
+from posegaussian.storage.model.joint_sets import joint_set
 
 MEASURE = "people"
 SEVERAL = (0.05, inf)
@@ -58,7 +59,10 @@ class Finder:
         self._seen: dict[tuple[int, int], np.ndarray] = {}
 
     def read(self, view: int, number: int) -> np.ndarray:
-        """[people, J, 3] (u, v, score) of those it is sure of, captured px; each picture is looked at once."""
+        """[people, J, 3] (u, v, score) of those it is sure of, captured px; each picture is looked at once, and nobody
+        is in a frame the view lacks."""
+        if number not in self._pictures.numbers(view):
+            return np.zeros((0, len(joint_set(self.joint_set)), 3))
         if (view, number) not in self._seen:
             (picture,) = self._pictures.read(view, [number])
             found = Turned(self._estimator, quarter_turns(self._rig, view)).find(to_display(picture), MOST)

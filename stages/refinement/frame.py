@@ -16,7 +16,7 @@ from posegaussian.stages.refinement.thinning import thinned
 from posegaussian.stages.rendering.lift import GaussianMaps
 from posegaussian.stages.rendering.sources import map_bytes, unrefined_arrays
 from posegaussian.stages.silhouettes.hull import Silhouettes
-from posegaussian.stages.silhouettes.places import agreed, lacking
+from posegaussian.stages.silhouettes.places import agreed, beyond, lacking
 from posegaussian.stages.splatting.definition.scene import Camera
 
 
@@ -77,5 +77,5 @@ class FrameReader:
         cover = mask.astype(np.float32) / 255
         color = np.asarray(self.maps(i, view).color)[:height, :width].astype(np.float32) / 255 * cover[..., None]
         camera = Camera(rig.intrinsics[view], rig.world_to_camera[view], width, height)
-        lost = lacking(silhouettes, view, mask)
+        lost = lacking(silhouettes, view, mask) | beyond(silhouettes, view, mask)
         return Filmed(camera, color, cover, lost if lost.any() else None)

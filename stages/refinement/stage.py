@@ -39,7 +39,7 @@ def unneeded(params: RefinementParams, facts: Facts) -> str | None:
 STAGE = Stage(
     name=REFINEMENT,
     summary="Optimise each frame's Gaussians on its source pictures through the renderer.",
-    version=20,
+    version=21,
     run="posegaussian.stages.refinement.run:run",
     check="posegaussian.stages.refinement.run:check",
     reads=(

@@ -19,7 +19,7 @@ import numpy as np
 from posegaussian.stages.compiling.compiled import compiled
 from posegaussian.stages.geometry.projection import rays
 from posegaussian.stages.geometry.subject import look_at_point
-from posegaussian.stages.silhouettes.agreement import agreement
+from posegaussian.stages.silhouettes.agreement import settled
 from posegaussian.stages.silhouettes.hull import OUTVOTED, Silhouettes, searched_radius
 from posegaussian.stages.silhouettes.march import (
     MOST_POINTS,
@@ -48,6 +48,9 @@ AROUND = 4.0
 MISSING = (1.5, 0.0065)
 """Px, and share of the picture's longer side, by which a place without a say reaches beyond a mask, `AROUND` taken off,
 from which on something is missing there. Along the rims of a head's seven photographs outlines err by up to 0.006."""
+
+STRAY = 2.0
+"""Px outside its silhouette from which on what a mask holds was taken out of it: soft edges reach less far."""
 
 
 def reconciled(
@@ -110,7 +113,7 @@ def without_say(silhouettes: Silhouettes, places: np.ndarray) -> Silhouettes:
 
 def agreed(rig: Rig, masks: Mapping[int, np.ndarray]) -> Silhouettes:
     """What the masks [h, w] uint8 of one frame say, by view; of those that fit the others, each but where it
-    contradicts them, and of none where no mask has a background."""
+    contradicts them and without stray parts, and of none where no mask has a background."""
     views = sorted(masks)
     if not views:
         return Silhouettes.of(rig, {}, np.zeros(3), 0.0)
@@ -118,8 +121,7 @@ def agreed(rig: Rig, masks: Mapping[int, np.ndarray]) -> Silhouettes:
     radius = searched_radius(rig, views, centre)
     if all(foreground(m[: rig.size[v, 1], : rig.size[v, 0]]).all() for v, m in masks.items()):
         return Silhouettes.of(rig, {}, centre, radius)
-    silhouettes = Silhouettes.of(rig, masks, centre, radius)
-    found = agreement(rig, masks, silhouettes)
+    masks, silhouettes, found = settled(rig, masks, centre, radius)
     return reconciled(rig, masks, silhouettes.kept(set(found.carving)), found.unexplained)
 
 
@@ -138,6 +140,14 @@ def lacking(silhouettes: Silhouettes, view: int, mask: np.ndarray) -> np.ndarray
     beyond = cv2.distanceTransform(empty.astype(np.uint8), cv2.DIST_L2, 5) > far
     parts = cv2.connectedComponents(unheard.astype(np.uint8))[1]
     return unheard & np.isin(parts, parts[unheard & beyond])
+
+
+def beyond(silhouettes: Silhouettes, view: int, mask: np.ndarray) -> np.ndarray:
+    """[h, w] bool: where a view's mask [h, w] uint8 has something that `agreed` took out of it: stray parts."""
+    if view not in silhouettes.views:
+        return np.zeros(mask.shape, bool)
+    high, wide = mask.shape
+    return (mask > 0) & (silhouettes.distance[silhouettes.views.index(view), :high, :wide] > STRAY)
 
 
 def foreground_rays(rig: Rig, view: int, mask: np.ndarray, most: int | None) -> tuple[np.ndarray, np.ndarray]:

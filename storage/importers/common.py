@@ -237,9 +237,16 @@ def gap_notes(
 
 
 def picture_gaps(names: Sequence[str], streams: Sequence[Stream]) -> list[str]:
-    """Sentences about the cameras that lack frames which another one has."""
-    everything = np.unique(np.concatenate([np.asarray(s.numbers, dtype=np.int64) for s in streams]))
-    return gap_notes(names, streams, [everything] * len(streams), "pictures")
+    """Sentences about the cameras that lack frames which another one has, and those that share none with any."""
+    numbers = np.concatenate([np.asarray(s.numbers, dtype=np.int64) for s in streams])
+    everything, times = np.unique(numbers, return_counts=True)
+    alone = [
+        f"camera {name} shares no frame with any other ({ranges(np.array(s.numbers))}), so that nothing is made of its"
+        " pictures and theirs together: give pictures of one moment one number, and import again"
+        for name, s in zip(names, streams, strict=True)
+        if len(streams) > 1 and (times[np.isin(everything, s.numbers)] == 1).all()
+    ]
+    return [*alone, *gap_notes(names, streams, [everything] * len(streams), "pictures")]
 
 
 def ranges(values: np.ndarray, most: int = 4) -> str:

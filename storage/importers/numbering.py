@@ -21,7 +21,8 @@ def as_numbered(
 
     Frames of a video have no number that somebody wrote, and most programs count what belongs to them from 1: where
     every camera has one a frame and all numbers are off alike, they go with frames one to one. Raises SourceError for
-    the same beside pictures, which have numbers as what belongs to them has: every one would be a neighbour's.
+    the same beside pictures, in one camera, too: these have numbers as what belongs to them has, and every one would be
+    a neighbour's.
     """
     off = _all_off(found, pictures)
     if off and all(s.kind != "images" for s in pictures):
@@ -32,9 +33,11 @@ def as_numbered(
         )
         return [{n - off: f for n, f in own.items()} for own in found], [said]
     for name, own, stream in zip(names, found, pictures, strict=True):
-        if off and own.keys() & set(stream.numbers):
+        by = off or (_all_off([own], [stream]) if stream.kind == "images" else 0)
+        if by and own.keys() & set(stream.numbers):
+            where = "in every camera" if off else "throughout"
             raise SourceError(
-                f"camera {name}: {told(what, own, stream.numbers)}: as many, and {abs(off)} off in every camera; number"
+                f"camera {name}: {told(what, own, stream.numbers)}: as many, and {abs(by)} off {where}; number"
                 f" {what} as their pictures are, so that each has its picture's number"
             )
     return list(found), []

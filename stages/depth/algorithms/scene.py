@@ -15,9 +15,9 @@ from posegaussian.stages.geometry.rectification import RectifiedPair, rectify
 from posegaussian.stages.geometry.subject import look_at_point, up_direction
 from posegaussian.stages.matching.fuse import MATCHED
 from posegaussian.stages.matching.sweep import Neighbours, nearest
-from posegaussian.stages.silhouettes.agreement import FEWEST, agreement
+from posegaussian.stages.silhouettes.agreement import FEWEST, settled
 from posegaussian.stages.silhouettes.hidden import without_hidden
-from posegaussian.stages.silhouettes.hull import Silhouettes, searched_radius, visual_hull
+from posegaussian.stages.silhouettes.hull import searched_radius, visual_hull
 from posegaussian.stages.silhouettes.places import BELIEVED
 from posegaussian.stages.silhouettes.rounding import rounded
 from posegaussian.storage.model.cameras import Rig
@@ -47,6 +47,8 @@ class Frame:
     """[M, 7] capsules of what of them is surely there."""
     contradicting: set[int] = field(default_factory=set)
     """Views whose masks as a whole contradict those of the others, filled in by `hulls`."""
+    strays: set[int] = field(default_factory=set)
+    """Views whose masks have parts that are not the subject, filled in by `hulls`."""
 
     @property
     def inside(self) -> dict[int, np.ndarray]:
@@ -134,19 +136,19 @@ def hulls(geometry: Geometry, frame: Frame) -> Maps:
     there are any.
 
     A silhouette that contradicts all others carves nothing, and none does where something hides the subject; one vote
-    is overruled only for views that are explained by the others.
+    is overruled only for views that are explained by the others. Of stray parts of masks there is no hull.
     """
-    silhouettes = Silhouettes.of(geometry.rig, frame.masks, geometry.centre, geometry.radius)
-    found = agreement(geometry.rig, frame.masks, silhouettes)
+    masks, silhouettes, found = settled(geometry.rig, frame.masks, geometry.centre, geometry.radius)
+    frame.strays.update(v for v, m in masks.items() if m is not frame.masks[v])
     if len(geometry.views) >= FEWEST:
         wrong = (v for v in geometry.views if v not in found.carving or found.unexplained[v] >= BELIEVED)
         frame.contradicting.update(wrong)
-    carving = without_hidden(geometry.rig, frame.masks, silhouettes.kept(set(found.carving)), found.unexplained)
+    carving = without_hidden(geometry.rig, masks, silhouettes.kept(set(found.carving)), found.unexplained)
     ends = {
-        v: visual_hull(geometry.rig, v, frame.masks[v], carving, votes=found.unexplained.get(v, 1.0) < BELIEVED)
+        v: visual_hull(geometry.rig, v, masks[v], carving, votes=found.unexplained.get(v, 1.0) < BELIEVED)
         for v in geometry.views
     }
-    return bounded(geometry.rig, ends, {v: frame.masks[v] for v in found.carving}, frame.limbs)
+    return bounded(geometry.rig, ends, {v: masks[v] for v in found.carving}, frame.limbs)
 
 
 def hull_only(geometry: Geometry, frame: Frame) -> Maps:

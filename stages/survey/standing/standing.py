@@ -133,9 +133,9 @@ def standing_in(inputs: Inputs, numbers: np.ndarray) -> Standing:
             [m[v] for _, m in of_all for v in sorted(m)],
             lambda: _by_silhouettes(rig, numbers, outlined, compared, late),
         )
-    if JOINTS2D not in inputs.facts or len(inputs.views.sources) < FEWEST or _doubtful_pixels(inputs):
-        return as_written(rig)
     few = few_of(numbers)
+    if not len(few) or JOINTS2D not in inputs.facts or len(inputs.views.sources) < FEWEST or _doubtful_pixels(inputs):
+        return as_written(rig)
     people = _people(inputs, inputs.views.sources, few)
     return _kept((rig.digest, inputs.views.sources, few), [people], lambda: _by_joints(inputs, people, few))
 

@@ -201,6 +201,25 @@ def test_masks_that_contradict_all_others_in_a_frame_are_named(person: PersonCap
         assert all(which in told[view][0] for view, which in wrong.items())
 
 
+def test_somebody_elses_arm_in_a_mask_has_no_depth_and_is_named(person: PersonCapture) -> None:
+    """That of a view alone, in the second frame."""
+    spoilt, at = person.mask.copy(), int(np.median(np.nonzero(person.mask[1, 3])[0]))
+    spoilt[1, 3, at - 3 : at + 4, np.nonzero(person.mask[1, 3, at])[0].max() :] = 255
+    given = {**arrays(person), "frames/mask": spoilt}
+    inputs = MemoryInputs(
+        STAGE, DepthParams(method="hull"), given, person.rig, person.views, range(2), 2, facts=frozenset({"masks"})
+    )
+    blocks = list(run(inputs, DepthParams(method="hull")))
+    told = {b.view: b.notes for b in blocks if b.notes}
+    assert told.keys() == {3}
+    assert told[3][0].startswith(
+        "1 of 2 masks hold something that most other cameras have nothing of, those of frame 1"
+    )
+    (depth,) = (np.asarray(b.data) for b in blocks if (b.array, b.view) == (DEPTH, 3))
+    assert (depth[1][spoilt[1, 3] != person.mask[1, 3]] > 0).mean() < 0.15
+    assert (depth[1][person.mask[1, 3] > 127] > 0).all()
+
+
 def _told(c: PersonCapture, views: tuple[int, ...]) -> list[str]:
     """What a plan says of the depth of these source views."""
     size = c.rig.size

@@ -246,10 +246,15 @@ def test_the_finder_believes_only_whom_the_estimator_is_sure_of() -> None:
             )
 
     class Pictures:
+        def numbers(self, view: int) -> np.ndarray:
+            return np.array([2, 3])
+
         def read(self, view: int, numbers: list[int]) -> list[np.ndarray]:
             return [np.zeros((8, 8, 3), np.uint8) for _ in numbers]
 
-    assert Finder(Pictures(), Estimator(), RIG).read(0, 3).shape == (2, 17, 3)  # type: ignore[arg-type]
+    finder = Finder(Pictures(), Estimator(), RIG)  # type: ignore[arg-type]
+    assert finder.read(0, 3).shape == (2, 17, 3)
+    assert finder.read(0, 4).shape == (0, 17, 3), "nobody is in a frame that the view lacks"
 
 
 @pytest.mark.parametrize("kind", ["joints", "found"])

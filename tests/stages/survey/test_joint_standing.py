@@ -139,8 +139,8 @@ def late_of(by: float, noise: float, camera: int = 1, bumped: tuple[float, float
     return given(rig, seen)
 
 
-def given(rig: Rig, seen: np.ndarray) -> Standing:
-    """How cameras stand by joints [S, LONG, 17, 3] that came with the capture."""
+def given(rig: Rig, seen: np.ndarray, numbers: np.ndarray = SAMPLED) -> Standing:
+    """How cameras stand by joints [S, LONG, 17, 3] that came with the capture, in frames `numbers`."""
     inputs: Any = SimpleNamespace(
         facts=frozenset({"joints2d"}),
         views=roles(rig),
@@ -149,7 +149,15 @@ def given(rig: Rig, seen: np.ndarray) -> Standing:
         captured_to_calibrated=np.tile([1.0, 0.0, 0.0], (len(rig), 1)),
         source=lambda kind: Joints2D.single(seen.swapaxes(0, 1)),
     )
-    return standing_in(inputs, SAMPLED)
+    return standing_in(inputs, numbers)
+
+
+def test_cameras_without_a_frame_in_common_are_believed() -> None:
+    """Each lacks another one, or their files are numbered differently: there is nothing to compare."""
+    rig, _ = written(right := ring(6, SIZE), {1: (0.0, 18.0, 0.0)})
+    seen = detected(right, person=swinging(np.arange(LONG)))
+    assert set(np.flatnonzero(given(rig, seen).apart)) == {1}
+    assert nobody(given(rig, seen, SAMPLED[:0]))
 
 
 @pytest.mark.parametrize("noise", [0.0, 2.0])

@@ -53,6 +53,16 @@ def write(base: Path, **changed: Any) -> Path:
     return base
 
 
+def test_a_camera_that_shares_no_frame_with_another_is_named(tmp_path: Path) -> None:
+    base = write(tmp_path)
+    for number in (7, 8):
+        ring.write_picture(base / "images" / "c2" / f"{number}.png", 2, 0)
+    assert not any("shares no frame" in n for n in find_capture("images", base, {}).notes)
+    (base / "images" / "c2" / "0.png").unlink()
+    (told,) = (n for n in find_capture("images", base, {}).notes if "shares no frame" in n)
+    assert told.startswith("camera c2 shares no frame with any other (7-8), so that nothing is made of its pictures")
+
+
 def test_poses_of_the_other_direction_are_refused_where_the_layout_defines_one(tmp_path: Path) -> None:
     said = find_capture("images", write(tmp_path), {}).notes
     assert "direction: world to camera; all cameras look at one point to 0 degrees" in said

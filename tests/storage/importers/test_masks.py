@@ -70,6 +70,14 @@ def test_masks_of_no_picture_are_named(tmp_path: Path) -> None:
     assert not said(find(masks(folders(tmp_path / "all"))), "masks")
 
 
+def test_masks_of_one_camera_that_are_all_a_neighbours_are_refused(tmp_path: Path) -> None:
+    masks(folders(tmp_path), NAMES[1:])
+    masks(tmp_path, NAMES[:1], (1, 2, 3))
+    sentence = f"camera {NAMES[0]}: its masks are frames 1-3, its pictures 0-2: as many, and 1 off throughout; number"
+    with pytest.raises(UserError, match=sentence):
+        find(tmp_path)
+
+
 def films(base: Path) -> Path:
     test_videos.write(base)
     return base
