@@ -69,8 +69,10 @@ class Context:
 
     @cached_property
     def capture(self) -> Capture:
-        """The registered capture, its cameras brought into step by `frames.time_offset`."""
-        return self.sequence.capture.in_step(self.late)
+        """The registered capture, its cameras brought into step by `frames.time_offset`, without the pictures that lack
+        a mask where masks came with it."""
+        capture = self.sequence.capture.in_step(self.late)
+        return capture.masked() if self.settings.frames.matte in ("auto", "given") else capture
 
     @cached_property
     def late(self) -> tuple[int, ...]:

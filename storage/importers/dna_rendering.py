@@ -17,10 +17,11 @@ from pydantic import Field
 
 from posegaussian.storage.formats.plain_hdf5 import Hdf5File
 from posegaussian.storage.importers.cameras import RawCamera, build_rig, check_principal_point
-from posegaussian.storage.importers.common import ImportOptions, entries, folder, gap_notes
+from posegaussian.storage.importers.common import ImportOptions, entries, folder
 from posegaussian.storage.importers.declaration import Importer, Trait
 from posegaussian.storage.importers.evidence import Seen, check_points
 from posegaussian.storage.importers.filmed import assumed_rate, placed_notes
+from posegaussian.storage.importers.masks import mask_gaps
 from posegaussian.storage.model.cameras import Rig, to_integer_centres
 from posegaussian.storage.model.capture import Capture, SourceFile, Stream
 from posegaussian.storage.model.errors import CalibrationError, SourceError
@@ -154,7 +155,7 @@ def _masks(
             f"cameras {', '.join(without)} have no masks in {annots.path.name} while others have; leave them out with"
             " the option cameras"
         )
-    return tuple(streams), gap_notes(names, streams, [s.numbers for s in pictures], "masks")
+    return tuple(streams), mask_gaps(names, streams, pictures)
 
 
 def _joints(

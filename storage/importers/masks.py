@@ -66,12 +66,22 @@ def mask_file_streams(
     fitting, notes = _fitting(names, files, pictures)
     streams, sizes = _sized(names, fitting, pictures)
     notes += sizes
-    notes += gap_notes(names, streams, [s.numbers for s in pictures], "masks")
+    notes += mask_gaps(names, streams, pictures)
     streams, cut = (streams, []) if labels else as_cut_out(names, streams)
     streams, lines = _without_lines(names, streams)
     kinds, more = _of_values(names, streams, labels)
     read = [replace(s, options={**s.options, **k}) for s, k in zip(streams, kinds, strict=True)]
     return tuple(read), [*notes, *cut, *lines, *more]
+
+
+def mask_gaps(names: Sequence[str], streams: Sequence[Stream | None], pictures: Sequence[Stream]) -> list[str]:
+    """A sentence for every camera that has pictures without a mask, and what becomes of these."""
+    if notes := gap_notes(names, streams, [s.numbers for s in pictures], "masks"):
+        notes.append(
+            "pictures that lack a mask are left out of a run, and their frames are made of the other cameras; add the"
+            " masks, black ones where nothing of the subject is seen, and import again"
+        )
+    return notes
 
 
 def _fitting(

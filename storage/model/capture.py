@@ -255,6 +255,18 @@ class Capture:
                 )
         return replace(self, **{k: moved(k) for k in ("pictures", "masks", "joints", "depth")})  # type: ignore[arg-type]
 
+    def masked(self) -> Capture:
+        """The capture, where every camera has masks, without the pictures that have none: nothing tells where the
+        subject is in them, and a frame that a camera lacks is made of the others. A camera none of whose pictures has
+        one keeps them."""
+        if len(self.masks) != len(self.pictures) or None in self.masks:
+            return self
+        pictures = tuple(
+            s if m is None or set(s.numbers) <= set(m.numbers) else s.renumbered({n: n for n in m.numbers}) or s
+            for s, m in zip(self.pictures, self.masks, strict=True)
+        )
+        return self if pictures == self.pictures else replace(self, pictures=pictures)
+
     def repeats(self, worked: Sequence[int] | np.ndarray) -> list[list[tuple[int, int]]]:
         """[V] runs (first, last) of those source frames throughout which a view's picture files are the same, while
         those of most other views change; none of views whose pictures lie in one file."""

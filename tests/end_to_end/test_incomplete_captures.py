@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import zarr
 from typer.testing import CliRunner
 
 from posegaussian.dags.cli.app import app
@@ -64,8 +65,6 @@ def test_a_frame_that_one_camera_lacks_does_not_carve_the_others(tmp_path: Path)
     pipeline = Pipeline(tmp_path / "archive", tmp_path / "capture")
     pipeline.register()
     pipeline.run()
-    import zarr
-
     group = zarr.open_group(pipeline.root / "person", mode="r")
     valid = np.asarray(group["frames/valid"][...])
     assert not valid[1, 3]
@@ -74,6 +73,26 @@ def test_a_frame_that_one_camera_lacks_does_not_carve_the_others(tmp_path: Path)
     assert (depth[1, 3] == 0).all()
     others = (depth[:, [0, 1, 2, 4, 5]] > 0).sum(axis=(2, 3))
     assert (others[1] > 0.8 * others[0]).all(), "a missing picture must not carve the hull of the others"
+
+
+def test_a_picture_without_a_mask_is_left_out_where_masks_are_used(tmp_path: Path) -> None:
+    """Its frame is made of the other cameras, to the bit as if the picture were not there; without masks it is used."""
+    film(tmp_path / "capture", views=4, frames=2, held_out=1)
+    made = []
+    for kind in ("masks", "images"):
+        next((tmp_path / "capture" / kind / "cam02").glob("000001.*")).unlink()
+        pipeline = Pipeline(tmp_path / kind, tmp_path / "capture")
+        pipeline.register()
+        assert [len(s.numbers) for s in pipeline.context().capture.pictures] == [2, 2, 1, 2, 2]
+        pipeline.run()
+        group = zarr.open_group(pipeline.root / "person", mode="r")
+        made.append([np.asarray(group[a][...]) for a in ("frames/valid", "depth/depth", "gaussians/scale")])
+        if kind == "masks":
+            unused = pipeline.with_settings("frames.matte=none").context().capture
+            assert [len(s.numbers) for s in unused.pictures] == [2, 2, 2, 2, 2]
+    for unmasked, gone in zip(*made, strict=True):
+        np.testing.assert_array_equal(unmasked, gone)
+    assert np.argwhere(~made[0][0]).tolist() == [[1, 2]]
 
 
 def test_a_single_frame_gets_an_orbit_of_48_steps(tmp_path: Path) -> None:
