@@ -69,10 +69,14 @@ class Context:
 
     @cached_property
     def capture(self) -> Capture:
-        """The registered capture, its cameras brought into step by `frames.time_offset`, without the pictures that lack
-        a mask where masks came with it."""
-        capture = self.sequence.capture.in_step(self.late)
-        return capture.masked() if self.settings.frames.matte in ("auto", "given") else capture
+        """The registered capture, its cameras brought into step by `frames.time_offset`; where masks are used, without
+        the pictures that lack one."""
+        return self.sequence.capture.worked(self.late, self.masked)
+
+    @property
+    def masked(self) -> bool:
+        """Whether masks that came with it are used."""
+        return self.settings.frames.matte in ("auto", "given")
 
     @cached_property
     def late(self) -> tuple[int, ...]:

@@ -63,6 +63,8 @@ class WorkOrder:
     """What the kernel is told."""
     late: tuple[int, ...]
     """Frames by which each view is late."""
+    masked: bool
+    """Whether pictures that lack a mask are left out."""
     path: tuple[int, CameraPath] | None
     """First frame index of the partition and of what is read along the path, and from there on the target cameras."""
     path_text: str | None

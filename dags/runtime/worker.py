@@ -55,8 +55,8 @@ from posegaussian.storage.readers.sources import open_source
 
 
 @lru_cache(maxsize=8)
-def _capture(root: Path, stamp: int, late: tuple[int, ...]) -> Capture:
-    return SequenceGroup(root).capture.in_step(late)
+def _capture(root: Path, stamp: int, late: tuple[int, ...], masked: bool) -> Capture:
+    return SequenceGroup(root).capture.worked(late, masked)
 
 
 class StoreInputs(PathInputs, TimedInputs):
@@ -66,7 +66,8 @@ class StoreInputs(PathInputs, TimedInputs):
         """Open nothing yet; arrays and sources are opened when the kernel asks for them."""
         super().__init__(order.scope)
         self._order = order
-        self._capture = _capture(order.root, (order.root / "zarr.json").stat().st_mtime_ns, order.late)
+        stamp = (order.root / "zarr.json").stat().st_mtime_ns
+        self._capture = _capture(order.root, stamp, order.late, order.masked)
         self._stopwatch = Stopwatch()
         self._sources: dict[str, Any] = {}
         """{kind: its reader}, which remembers what it opened."""

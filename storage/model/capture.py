@@ -255,6 +255,11 @@ class Capture:
                 )
         return replace(self, **{k: moved(k) for k in ("pictures", "masks", "joints", "depth")})  # type: ignore[arg-type]
 
+    def worked(self, late: Sequence[int], masked: bool) -> Capture:
+        """What is worked on: `in_step`, and with `masked` without pictures that lack a mask. Raises ConfigError."""
+        capture = self.in_step(late)
+        return capture.masked() if masked else capture
+
     def masked(self) -> Capture:
         """The capture, where every camera has masks, without the pictures that have none: nothing tells where the
         subject is in them, and a frame that a camera lacks is made of the others. A camera none of whose pictures has

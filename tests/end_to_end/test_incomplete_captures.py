@@ -81,7 +81,7 @@ def test_a_picture_without_a_mask_is_left_out_where_masks_are_used(tmp_path: Pat
     made = []
     for kind in ("masks", "images"):
         next((tmp_path / "capture" / kind / "cam02").glob("000001.*")).unlink()
-        pipeline = Pipeline(tmp_path / kind, tmp_path / "capture")
+        pipeline = Pipeline(tmp_path / kind, tmp_path / "capture", ["views.trust=auto", "effects.gap_opening=auto"])
         pipeline.register()
         assert [len(s.numbers) for s in pipeline.context().capture.pictures] == [2, 2, 1, 2, 2]
         pipeline.run()
