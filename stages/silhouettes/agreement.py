@@ -200,8 +200,8 @@ def strays(
 ) -> dict[int, np.ndarray]:
     """[h, w] bool by view: stray parts of masks [h, w] uint8 and their soft edges; views without any are missing.
 
-    unexplained: share of each view's foreground that the silhouettes contradict
-    (`posegaussian.stages.silhouettes.agreement`). Of so few views that none can be overruled nothing is stray.
+    unexplained: share of each view's foreground that the silhouettes contradict, as `agreement` says. Of so few
+    views that none can be overruled nothing is stray.
     """
     views = silhouettes.views
     asked = [v for v in views if PART <= unexplained[v] < WRONG] if len(views) > OUTVOTED else []
